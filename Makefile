@@ -1,0 +1,43 @@
+# Every job does its own set-up: a fresh clone needs nothing but Python 3.11 to 3.14 and make.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+
+.PHONY: help run test slow lint format typecheck clean
+.DEFAULT_GOAL := help
+
+help:  ## show the jobs
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
+
+$(STAMP): pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --disable-pip-version-check --quiet -c constraints.txt -e '.[dev]'
+	@touch $@
+
+run: $(STAMP)  ## train the paper's agent on the probe-plane task and show what it learnt
+	$(BIN)/usbench run --algo vpg --task pp
+
+test: $(STAMP)  ## run the tests (without the slow ones)
+	$(BIN)/python -m pytest -m "not slow"
+
+slow: $(STAMP)  ## run the slow tests (learning, timing)
+	$(BIN)/python -m pytest -m slow
+
+lint: $(STAMP)  ## check style and format
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+format: $(STAMP)  ## put the code into the project's format
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+typecheck: $(STAMP)  ## check the types (mypy --strict) on an installed copy
+	rm -rf build
+	$(BIN)/python -m pip install --disable-pip-version-check --quiet --no-deps --no-build-isolation \
+		--target build/typecheck .
+	$(BIN)/mypy build/typecheck/usbench
+
+clean:  ## remove the environment, builds and caches (runs/ stays)
+	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find usbench envs agents tests -name __pycache__ -type d -prune -exec rm -rf {} +
