@@ -1,0 +1,208 @@
+"""The tissue phantom: the object's balls, and scatterers drawn once from a seed and fixed to the tissue."""
+
+from __future__ import annotations
+
+import math
+import numbers
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from usbench.envs.pose import Pose, cos_deg, sin_deg, whole_number
+
+_VIEW_MM3 = 40.0 * 10.0 * 90.0  # the volume in view, for which the paper's authors give their densities
+
+
+def _number(name: str, value: Any, *, zero_allowed: bool = False) -> float:
+    """Return `value` as a positive, finite float."""
+    if isinstance(value, bool | np.bool_) or not isinstance(value, numbers.Real):
+        raise TypeError(f"{name} must be a number, not {value!r}.")
+    if not math.isfinite(value) or value < 0 or (value == 0 and not zero_allowed):
+        raise ValueError(
+            f"{name} must be a {'non-negative' if zero_allowed else 'positive'} number, not {value!r}."
+        )
+    return float(value)
+
+
+@dataclass(frozen=True)
+class Ball:
+    """A ball with its centre (x, y, z) and radius in mm."""
+
+    center_mm: tuple[float, float, float]
+    radius_mm: float
+
+    def contains(self, positions_mm: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
+        """Return which of the positions (n, 3) mm lie in the ball, (n,)."""
+        inside: npt.NDArray[np.bool_] = (
+            np.square(positions_mm - np.asarray(self.center_mm)).sum(axis=1) <= self.radius_mm**2
+        )
+        return inside
+
+
+@dataclass(frozen=True)
+class ObjectOfInterest:
+    """A body with a head above it and four legs, all balls with their centres in one vertical plane.
+
+    Attributes:
+        x_mm: Lateral position of the body's centre, whole mm.
+        depth_mm: Depth of the body's centre, whole mm.
+        angle_deg: Rotation of the plane about the vertical axis through the body's centre, whole degrees.
+        scale: Size relative to the paper's object.
+        contrast: Standard deviation of the scatterers' amplitudes, relative to the tissue around.
+        body_radius_mm: Radius of the body at scale 1.
+        head_radius_mm: Radius of the head at scale 1.
+        leg_radius_mm: Radius of each leg at scale 1.
+    """
+
+    x_mm: int = 0
+    depth_mm: int = 50
+    angle_deg: int = 0
+    scale: float = 1.0
+    contrast: float = 10.0
+    body_radius_mm: float = 12.0
+    head_radius_mm: float = 6.0
+    leg_radius_mm: float = 4.0
+
+    def __post_init__(self) -> None:
+        """Hold the values as plain numbers, or refuse them."""
+        for name in ("x_mm", "depth_mm", "angle_deg"):
+            object.__setattr__(self, name, whole_number(name, getattr(self, name)))
+        for name in ("scale", "body_radius_mm", "head_radius_mm", "leg_radius_mm"):
+            object.__setattr__(self, name, _number(name, getattr(self, name)))
+        object.__setattr__(self, "contrast", _number("contrast", self.contrast, zero_allowed=True))
+        object.__setattr__(self, "angle_deg", self.angle_deg % 360)
+
+    @property
+    def upright_balls(self) -> tuple[Ball, ...]:
+        """The balls around the body's centre at angle 0: body, head, then the legs."""
+        body, head, leg = (
+            self.scale * radius for radius in (self.body_radius_mm, self.head_radius_mm, self.leg_radius_mm)
+        )
+        diagonal = (0.9 * body + leg) / math.sqrt(2)
+        legs = tuple(Ball((x, 0.0, z), leg) for z in (-diagonal, diagonal) for x in (-diagonal, diagonal))
+        return (Ball((0.0, 0.0, 0.0), body), Ball((0.0, 0.0, -(0.9 * body + head)), head), *legs)
+
+    @property
+    def balls(self) -> tuple[Ball, ...]:
+        """The balls in the phantom: body, head, then the legs."""
+        upright = self.upright_balls
+        centers = self.to_phantom(np.array([ball.center_mm for ball in upright])).tolist()
+        return tuple(Ball((x, y, z), b.radius_mm) for (x, y, z), b in zip(centers, upright, strict=True))
+
+    def to_phantom(self, positions_mm: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Return where positions (n, 3) mm around the upright body's centre are in the phantom."""
+        x, y, z = positions_mm.T
+        cosine, sine = cos_deg(self.angle_deg), sin_deg(self.angle_deg)
+        return np.stack([self.x_mm + cosine * x - sine * y, sine * x + cosine * y, self.depth_mm + z], axis=1)
+
+
+@dataclass(frozen=True)
+class Phantom:
+    """A box of tissue with the object in it; equal configurations have equal scatterers.
+
+    Attributes:
+        seed: Seed of the scatterers, a whole number from 0.
+        object_of_interest: What the examination looks for.
+        width_mm: Extent in x, centred at 0.
+        height_mm: Extent in y (elevation), centred at 0.
+        depth_mm: Extent in z, from 0 down.
+        tissue_density_per_mm3: Scatterers per volume outside the object.
+        object_density_per_mm3: Scatterers per volume inside the object.
+        tissue_amplitude_std: Standard deviation of the normal amplitudes outside the object.
+    """
+
+    seed: int = 0
+    object_of_interest: ObjectOfInterest = ObjectOfInterest()
+    width_mm: float = 80.0
+    height_mm: float = 80.0
+    depth_mm: float = 90.0
+    tissue_density_per_mm3: float = 1_000 / _VIEW_MM3
+    object_density_per_mm3: float = 10_000 / _VIEW_MM3
+    tissue_amplitude_std: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Hold the values as plain numbers, or refuse them."""
+        object.__setattr__(self, "seed", whole_number("seed", self.seed))
+        if self.seed < 0:
+            raise ValueError(f"seed must be a whole number from 0, not {self.seed}.")
+        if not isinstance(self.object_of_interest, ObjectOfInterest):
+            raise TypeError(
+                f"object_of_interest must be an ObjectOfInterest, not {self.object_of_interest!r}."
+            )
+        for name in ("width_mm", "height_mm", "depth_mm"):
+            object.__setattr__(self, name, _number(name, getattr(self, name)))
+        for name in ("tissue_density_per_mm3", "object_density_per_mm3", "tissue_amplitude_std"):
+            object.__setattr__(self, name, _number(name, getattr(self, name), zero_allowed=True))
+        for ball in self.object_of_interest.balls:
+            (x, y, z), r = ball.center_mm, ball.radius_mm
+            if (
+                abs(x) + r > self.width_mm / 2
+                or abs(y) + r > self.height_mm / 2
+                or z < r
+                or z + r > self.depth_mm
+            ):
+                raise ValueError(
+                    f"the object must lie inside the phantom of {self.width_mm:g} x {self.height_mm:g} "
+                    f"x {self.depth_mm:g} mm, but its ball of radius {r:g} mm at ({x:g}, {y:g}, {z:g}) does not."
+                )
+
+    @property
+    def target(self) -> Pose:
+        """The pose that shows the object best: above its centre, focused on it, in its plane."""
+        ooi = self.object_of_interest
+        return Pose(ooi.x_mm, ooi.depth_mm, ooi.angle_deg)
+
+    @property
+    def positions(self) -> npt.NDArray[np.float64]:
+        """Positions of all scatterers, (n, 3) m, read-only."""
+        return _scatterers(self)[0]
+
+    @property
+    def amplitudes(self) -> npt.NDArray[np.float64]:
+        """Amplitudes of all scatterers, (n,), read-only."""
+        return _scatterers(self)[1]
+
+    def in_view(
+        self, pose: Pose, half_width_m: float = 0.020, half_thickness_m: float = 0.005
+    ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        """Return positions (n, 3) m in the probe's frame and amplitudes (n,) of what is seen from `pose`."""
+        positions = pose.to_probe(self.positions)
+        seen = (np.abs(positions[:, 0]) <= half_width_m) & (np.abs(positions[:, 1]) <= half_thickness_m)
+        return positions[seen], self.amplitudes[seen]
+
+
+# Outside the dataclass, so that a pickled phantom is its configuration and not half a megabyte of arrays.
+@lru_cache(maxsize=16)
+def _scatterers(phantom: Phantom) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Draw the scatterers of `phantom`: positions (n, 3) m and amplitudes (n,).
+
+    Two populations: round(density * volume) positions, uniform over the whole phantom for the tissue and over
+    the object's bounding box for the object; kept are those of the first that lie outside all balls and those
+    of the second that lie inside one. The tissue is drawn first and the object in its own frame: with one seed,
+    an object that moves takes its speckle along and leaves that of the tissue around it unchanged.
+    """
+    rng = np.random.default_rng(phantom.seed)
+    ooi = phantom.object_of_interest
+
+    half_mm = np.array([phantom.width_mm / 2, phantom.height_mm / 2, phantom.depth_mm / 2])
+    n_tissue = round(phantom.tissue_density_per_mm3 * float(np.prod(2 * half_mm)))
+    tissue = rng.uniform(-half_mm, half_mm, (n_tissue, 3)) + [0.0, 0.0, half_mm[2]]
+    tissue_amplitudes = rng.normal(0.0, phantom.tissue_amplitude_std, n_tissue)
+    outside = ~np.any([ball.contains(tissue) for ball in ooi.balls], axis=0)
+
+    balls = ooi.upright_balls
+    low = np.min([np.subtract(ball.center_mm, ball.radius_mm) for ball in balls], axis=0)
+    high = np.max([np.add(ball.center_mm, ball.radius_mm) for ball in balls], axis=0)
+    n_object = round(phantom.object_density_per_mm3 * float(np.prod(high - low)))
+    candidates = rng.uniform(low, high, (n_object, 3))
+    object_amplitudes = rng.normal(0.0, ooi.contrast * phantom.tissue_amplitude_std, n_object)
+    inside = np.any([ball.contains(candidates) for ball in balls], axis=0)
+
+    positions = np.concatenate([tissue[outside], ooi.to_phantom(candidates[inside])]) * 1e-3
+    amplitudes = np.concatenate([tissue_amplitudes[outside], object_amplitudes[inside]])
+    positions.flags.writeable = False
+    amplitudes.flags.writeable = False
+    return positions, amplitudes

@@ -1,0 +1,132 @@
+"""The pose of the probe on an exact grid: how a move changes it and how tissue is seen from it.
+
+Axes: x lateral, y elevation, z depth, origin at the centre of the phantom's top face. A positive angle turns
+x towards y, which is clockwise for somebody who looks down on the probe.
+"""
+
+from __future__ import annotations
+
+import math
+import numbers
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+
+def whole_number(name: str, value: Any) -> int:
+    """Return `value` as an int; 5, 5.0 and NumPy's integers are whole numbers, True and "5" are not.
+
+    Raises:
+        TypeError: If `value` is not a real number.
+        ValueError: If it is a number, but not a whole one.
+    """
+    if isinstance(value, bool | np.bool_) or not isinstance(value, numbers.Real):
+        raise TypeError(f"{name} must be a whole number, not {value!r}.")
+    if isinstance(value, numbers.Integral):
+        return int(value)
+    if not float(value).is_integer():  # false for nan and inf as well
+        raise ValueError(f"{name} must be a whole number, not {value!r}.")
+    return int(float(value))
+
+
+def sin_deg(angle_deg: int) -> float:
+    """Return the sine of whole degrees, exact at 0, 90, 180, 270 and equal at mirrored angles.
+
+    `math.sin(math.pi)` is 1.2e-16: enough to make "sin(angle) = 0" false at 180 degrees.
+    """
+    angle = angle_deg % 360
+    if angle >= 180:
+        return -sin_deg(angle - 180) if angle > 180 else 0.0
+    return math.sin(math.radians(min(angle, 180 - angle)))
+
+
+def cos_deg(angle_deg: int) -> float:
+    """Return the cosine of whole degrees, exact at 0, 90, 180 and 270."""
+    return sin_deg(angle_deg + 90)
+
+
+@dataclass(frozen=True)
+class Move:
+    """A change of pose, in whole mm and degrees."""
+
+    x_mm: int = 0
+    focal_depth_mm: int = 0
+    angle_deg: int = 0
+
+    def __post_init__(self) -> None:
+        """Hold the values as whole numbers, or refuse them."""
+        for name in ("x_mm", "focal_depth_mm", "angle_deg"):
+            object.__setattr__(self, name, whole_number(name, getattr(self, name)))
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Closed intervals (low, high) of the probe's centre and of its focal depth; angles have no limit."""
+
+    x_mm: tuple[int, int] = (-20, 20)
+    focal_depth_mm: tuple[int, int] = (5, 90)
+
+    def __post_init__(self) -> None:
+        """Hold the values as whole numbers, or refuse them."""
+        for name in ("x_mm", "focal_depth_mm"):
+            interval = tuple(whole_number(f"a limit of {name}", value) for value in getattr(self, name))
+            if len(interval) != 2 or interval[0] > interval[1]:
+                raise ValueError(f"the limits of {name} must be (low, high), not {getattr(self, name)!r}.")
+            object.__setattr__(self, name, interval)
+
+    def check(self, pose: Pose) -> None:
+        """Raise ValueError if `pose` lies outside these limits."""
+        for name in ("x_mm", "focal_depth_mm"):
+            low, high = getattr(self, name)
+            if not low <= getattr(pose, name) <= high:
+                raise ValueError(f"{name} must be in [{low}, {high}], not {getattr(pose, name)}.")
+
+
+LIMITS = Limits()
+
+
+@dataclass(frozen=True, order=True)
+class Pose:
+    """Where the probe is and where it focuses.
+
+    Attributes:
+        x_mm: Lateral position of the probe's centre, on the line y = 0, z = 0.
+        focal_depth_mm: Depth of the focal point, positive.
+        angle_deg: Rotation of the image plane about the probe's own centre, held modulo 360.
+    """
+
+    x_mm: int = 0
+    focal_depth_mm: int = 50
+    angle_deg: int = 0
+
+    def __post_init__(self) -> None:
+        """Hold the values as whole numbers, or refuse them."""
+        for name in ("x_mm", "focal_depth_mm", "angle_deg"):
+            object.__setattr__(self, name, whole_number(name, getattr(self, name)))
+        if self.focal_depth_mm < 1:
+            raise ValueError(f"focal_depth_mm must be at least 1, not {self.focal_depth_mm}.")
+        object.__setattr__(self, "angle_deg", self.angle_deg % 360)
+
+    def moved(self, move: Move, limits: Limits = LIMITS) -> Pose:
+        """Return the pose after `move`; a coordinate that would leave its limits keeps its value."""
+        x_mm = self.x_mm + move.x_mm
+        if not limits.x_mm[0] <= x_mm <= limits.x_mm[1]:
+            x_mm = self.x_mm
+        focal_depth_mm = self.focal_depth_mm + move.focal_depth_mm
+        if not limits.focal_depth_mm[0] <= focal_depth_mm <= limits.focal_depth_mm[1]:
+            focal_depth_mm = self.focal_depth_mm
+        return Pose(x_mm, focal_depth_mm, self.angle_deg + move.angle_deg)
+
+    def to_probe(self, positions: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Return positions of the phantom (n, 3) m as seen from the probe, (n, 3) m.
+
+        The axes of the result are x' along the array, y' elevation (distance from the image plane), z depth.
+        """
+        points = np.asarray(positions, dtype=np.float64)
+        if points.ndim != 2 or points.shape[1] != 3:
+            raise ValueError(f"positions must have shape (n, 3), not {points.shape}.")
+        cosine, sine = cos_deg(self.angle_deg), sin_deg(self.angle_deg)
+        x, y = points[:, 0] - self.x_mm * 1e-3, points[:, 1]
+        return np.stack([cosine * x + sine * y, cosine * y - sine * x, points[:, 2]], axis=1)
