@@ -146,7 +146,7 @@ class Phantom:
             ):
                 raise ValueError(
                     f"the object must lie inside the phantom of {self.width_mm:g} x {self.height_mm:g} "
-                    f"x {self.depth_mm:g} mm, but its ball of radius {r:g} mm at ({x:g}, {y:g}, {z:g}) does not."
+                    f"x {self.depth_mm:g} mm, unlike its ball of radius {r:g} mm at ({x:g}, {y:g}, {z:g})."
                 )
 
     @property
@@ -181,8 +181,8 @@ def _scatterers(phantom: Phantom) -> tuple[npt.NDArray[np.float64], npt.NDArray[
 
     Two populations: round(density * volume) positions, uniform over the whole phantom for the tissue and over
     the object's bounding box for the object; kept are those of the first that lie outside all balls and those
-    of the second that lie inside one. The tissue is drawn first and the object in its own frame: with one seed,
-    an object that moves takes its speckle along and leaves that of the tissue around it unchanged.
+    of the second that lie inside one. The tissue is drawn first and the object in its own frame: with one
+    seed, an object that moves takes its speckle along and leaves that of the tissue around it unchanged.
     """
     rng = np.random.default_rng(phantom.seed)
     ooi = phantom.object_of_interest

@@ -57,7 +57,7 @@ def test_scatterers_fill_the_phantom_at_both_densities(phantom):
 
 
 def test_the_tissue_is_uniform():
-    positions = np.concatenate([Phantom(seed=seed).positions for seed in range(5)])
+    positions = np.concatenate([Phantom(seed=seed).positions for seed in range(50)])
     far = positions[np.abs(positions[:, 1]) > 0.012] * 1e3
     for axis, low, high in ((0, -40, 40), (2, 0, 90)):
         counts, _ = np.histogram(far[:, axis], bins=10, range=(low, high))
