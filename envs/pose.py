@@ -22,6 +22,8 @@ def whole_number(name: str, value: Any) -> int:
         TypeError: If `value` is not a real number.
         ValueError: If it is a number, but not a whole one.
     """
+    if type(value) is int:  # by far the most frequent, and the check of numbers.Real is slow
+        return value
     if isinstance(value, bool | np.bool_) or not isinstance(value, numbers.Real):
         raise TypeError(f"{name} must be a whole number, not {value!r}.")
     if isinstance(value, numbers.Integral):

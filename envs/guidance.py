@@ -1,0 +1,232 @@
+"""The Gymnasium environment that all tasks share: an action moves the probe, the observation is its frame."""
+
+from __future__ import annotations
+
+import difflib
+import numbers
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from typing import Any, ClassVar, TypeVar
+
+import gymnasium as gym
+import numpy as np
+import numpy.typing as npt
+
+from usbench.envs.bmode import Imaging
+from usbench.envs.frames import FrameStore, frame_store
+from usbench.envs.phantom import Phantom
+from usbench.envs.pose import LIMITS, Limits, Move, Pose, sin_deg
+from usbench.envs.probe import LinearArray
+from usbench.envs.scene import draw_scene
+
+T = TypeVar("T")
+
+REWARDS = ("normalized", "paper")
+COORDINATES = ("x_mm", "focal_depth_mm", "angle_deg")
+
+
+@dataclass(frozen=True)
+class Action:
+    """What an action is called and how it moves the probe."""
+
+    name: str
+    move: Move
+
+
+@dataclass(frozen=True)
+class Task:
+    """All that is particular to a task; a literal constant in the task's own module.
+
+    Attributes:
+        name: Short name, used on the command line and in records.
+        title: Name for people.
+        actions: Meaning of the actions 0, 1, ...
+        starts: Poses from which an episode starts, one of them uniformly.
+        displacements: What noise does to the probe, one of them uniformly.
+        states: All poses that can be reached from the starts.
+        reward: (pose, target, kind) -> reward of being at `pose`; `kind` is one of `REWARDS`.
+        is_success: (pose, target) -> whether an episode that ends at `pose` succeeded.
+        distance_mm: (pose, target) -> what is left to go, in mm.
+        n_steps: Length of an episode.
+        limits: Where the probe can be.
+    """
+
+    name: str
+    title: str
+    actions: tuple[Action, ...]
+    starts: tuple[Pose, ...]
+    displacements: tuple[Move, ...]
+    states: tuple[Pose, ...]
+    reward: Callable[[Pose, Pose, str], float]
+    is_success: Callable[[Pose, Pose], bool]
+    distance_mm: Callable[[Pose, Pose], float]
+    n_steps: int = 16
+    limits: Limits = LIMITS
+
+
+def unknown(what: str, value: object, allowed: Collection[str]) -> ValueError:
+    """Return the error for a name that is not one of `allowed`, with the closest of them."""
+    close = difflib.get_close_matches(str(value).lower(), allowed, n=1, cutoff=0.5)
+    hint = f" (did you mean {close[0]!r}?)" if close else ""
+    return ValueError(f"unknown {what} {value!r}{hint}: allowed are {', '.join(map(repr, allowed))}.")
+
+
+def check_noise(noise: object) -> float:
+    """Return the probability of noise as a float, or raise TypeError or ValueError."""
+    if isinstance(noise, bool | np.bool_) or not isinstance(noise, numbers.Real):
+        raise TypeError(f"noise must be a probability in [0, 1], not {noise!r}.")
+    if not 0 <= float(noise) <= 1:  # also false for nan
+        raise ValueError(f"noise must be a probability in [0, 1], not {noise!r}.")
+    return float(noise)
+
+
+def check_reward(reward: object) -> str:
+    """Return the kind of reward, or raise ValueError with the closest name."""
+    if not isinstance(reward, str) or reward not in REWARDS:
+        raise unknown("reward", reward, REWARDS)
+    return reward
+
+
+class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
+    """A probe over a phantom; subclasses set `task` and describe themselves.
+
+    Args:
+        noise: Probability p_n that the probe is displaced after an action.
+        reward: "normalized" or "paper".
+        phantom: The tissue and the object in it.
+        probe: The transducer.
+        imaging: How RF becomes an image.
+        render_mode: None or "rgb_array".
+
+    Attributes:
+        pose: Where the probe is now.
+        target: The pose that shows the object best; the truth, for evaluation and never for the agent.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 4}
+    task: ClassVar[Task]
+
+    def __init__(
+        self,
+        *,
+        noise: float = 0.0,
+        reward: str = "normalized",
+        phantom: Phantom | None = None,
+        probe: LinearArray | None = None,
+        imaging: Imaging | None = None,
+        render_mode: str | None = None,
+    ) -> None:
+        """Check the configuration; nothing is simulated before the first reset."""
+        self.noise = check_noise(noise)
+        self.reward = check_reward(reward)
+        self.phantom = _instance("phantom", phantom, Phantom)
+        self.probe = _instance("probe", probe, LinearArray)
+        self.imaging = _instance("imaging", imaging, Imaging)
+        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
+            raise unknown("render_mode", render_mode, self.metadata["render_modes"])
+        self.render_mode = render_mode
+        self.target = self.phantom.target
+        self.action_space = gym.spaces.Discrete(len(self.task.actions))  # type: ignore[assignment]
+        self.observation_space = gym.spaces.Box(0, 255, (90, 40, 1), np.uint8)
+        self._pose: Pose | None = None
+        self._frames: FrameStore | None = None
+
+    @property
+    def pose(self) -> Pose:
+        """Where the probe is now."""
+        if self._pose is None:
+            raise gym.error.ResetNeeded("call reset() first: the probe has no pose before.")
+        return self._pose
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[npt.NDArray[np.uint8], dict[str, Any]]:
+        """Put the probe on a start pose drawn uniformly from the task's.
+
+        Args:
+            seed: Starts a new stream of random numbers; None continues the old one.
+            options: Any subset of "x_mm", "focal_depth_mm" and "angle_deg", in place of the drawn values.
+
+        Raises:
+            TypeError: If an option is not a number.
+            ValueError: If an option is unknown, not a whole number or outside the probe's limits.
+        """
+        super().reset(seed=seed)
+        # Drawn even where options replace it, so that they do not shift the stream.
+        start = self.task.starts[self.np_random.integers(len(self.task.starts))]
+        self._pose = self._with_options(start, options)
+        return self._observation(), self._info({})
+
+    def step(self, action: int) -> tuple[npt.NDArray[np.uint8], float, bool, bool, dict[str, Any]]:
+        """Act, reward, displace with probability `noise`, observe; never terminates (see TimeLimit)."""
+        if isinstance(action, bool) or not self.action_space.contains(action):
+            raise ValueError(
+                f"action must be a whole number from 0 to {len(self.task.actions) - 1}, not {action!r}."
+            )
+        pose = self.pose.moved(self.task.actions[int(action)].move, self.task.limits)
+        reward = self.task.reward(pose, self.target, self.reward)
+
+        # Both numbers are drawn at every step: the stream depends neither on the actions nor on `noise`.
+        occurs = self.np_random.random() < self.noise
+        displacement = self.task.displacements[self.np_random.integers(len(self.task.displacements))]
+        self._pose = pose.moved(displacement, self.task.limits) if occurs else pose
+        displaced = _difference(pose, self._pose, displacement) if occurs else {}
+        return self._observation(), reward, False, False, self._info(displaced)
+
+    def render(self) -> npt.NDArray[np.uint8] | None:
+        """Return the scene beside the frame, (height, width, 3) uint8 RGB, if render_mode is "rgb_array"."""
+        if self.render_mode is None:
+            gym.logger.warn("render() does nothing: make the environment with render_mode='rgb_array'.")
+            return None
+        return draw_scene(self.phantom, self.pose, self._observation()[:, :, 0])
+
+    def _observation(self) -> npt.NDArray[np.uint8]:
+        if self._frames is None:
+            self._frames = frame_store(self.phantom, self.probe, self.imaging)
+        return self._frames.frame(self.pose)[:, :, np.newaxis].copy()
+
+    def _info(self, displaced: dict[str, int]) -> dict[str, Any]:
+        pose = self.pose
+        return {
+            "x_mm": pose.x_mm,
+            "focal_depth_mm": pose.focal_depth_mm,
+            "angle_deg": pose.angle_deg,
+            "distance_mm": self.task.distance_mm(pose, self.target),
+            "sin_angle": sin_deg(pose.angle_deg - self.target.angle_deg),
+            "noise": displaced,
+            "is_success": self.task.is_success(pose, self.target),
+        }
+
+    def _with_options(self, start: Pose, options: dict[str, Any] | None) -> Pose:
+        if options is None:
+            return start
+        if not isinstance(options, dict):
+            raise TypeError(f"options must be a dict with any of {', '.join(COORDINATES)}, not {options!r}.")
+        for name in options:
+            if name not in COORDINATES:
+                raise unknown("option", name, COORDINATES)
+        pose = Pose(**{name: options.get(name, getattr(start, name)) for name in COORDINATES})
+        self.task.limits.check(pose)
+        return pose
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave the frames out of a pickle: every process has its own store of them."""
+        return {**self.__dict__, "_frames": None}
+
+
+def _instance(name: str, value: T | None, cls: type[T]) -> T:
+    """Return `value`, or a default `cls()` in place of None."""
+    if value is None:
+        return cls()
+    if not isinstance(value, cls):
+        raise TypeError(f"{name} must be a {cls.__name__}, not {value!r}.")
+    return value
+
+
+def _difference(before: Pose, after: Pose, displacement: Move) -> dict[str, int]:
+    """Return by how much noise changed the coordinates that it meant to; 0 where the border blocked it."""
+    return {
+        name: getattr(displacement, name) if getattr(after, name) != getattr(before, name) else 0
+        for name in COORDINATES
+        if getattr(displacement, name) != 0
+    }

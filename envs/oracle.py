@@ -1,0 +1,164 @@
+"""The exact optimum of a task and the returns of random and idle hands, by dynamic programming over poses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+
+from usbench.envs.focal_point import FOCAL_POINT
+from usbench.envs.guidance import Task, check_noise, check_reward, unknown
+from usbench.envs.pose import Move, Pose
+from usbench.envs.probe_plane import PROBE_PLANE
+
+TASKS = {task.name: task for task in (FOCAL_POINT, PROBE_PLANE)}
+PAPER_TARGET = Pose(0, 50, 0)
+
+
+@dataclass(frozen=True)
+class Returns:
+    """Expected undiscounted return of an episode, mean over the start poses.
+
+    Attributes:
+        optimal: Of the best policy that knows the pose.
+        random: Of actions drawn uniformly.
+        stay: Of never moving.
+    """
+
+    optimal: float
+    random: float
+    stay: float
+
+
+@dataclass(frozen=True, eq=False)
+class Policy:
+    """The best policy that knows the pose: a table over steps and poses.
+
+    Attributes:
+        task: The task that it solves.
+        actions: Best action in every pose with `step` steps done, (n_steps, n_states) int8, read-only.
+        values: Expected return from there to the end, (n_steps + 1, n_states), read-only.
+    """
+
+    task: Task
+    actions: npt.NDArray[np.int8]
+    values: npt.NDArray[np.float64]
+
+    def action(self, step: int, pose: Pose | tuple[int, int, int]) -> int:
+        """Return the best action after `step` steps at `pose` (x_mm, focal_depth_mm, angle_deg)."""
+        return int(self.actions[self._step(step), self._state(pose)])
+
+    def value(self, step: int, pose: Pose | tuple[int, int, int]) -> float:
+        """Return the expected return of the steps that are left after `step` steps at `pose`."""
+        return float(self.values[self._step(step), self._state(pose)])
+
+    def _step(self, step: int) -> int:
+        if not 0 <= step < self.task.n_steps:
+            raise ValueError(f"step must be in [0, {self.task.n_steps - 1}], not {step!r}.")
+        return int(step)
+
+    def _state(self, pose: Pose | tuple[int, int, int]) -> int:
+        pose = pose if isinstance(pose, Pose) else Pose(*pose)
+        index = _state_indices(self.task).get(pose)
+        if index is None:
+            raise ValueError(f"pose must be one that task {self.task.name!r} can reach, not {pose}.")
+        return index
+
+
+def returns(
+    task: str | Task, noise: float = 0.0, reward: str = "normalized", target: Pose = PAPER_TARGET
+) -> Returns:
+    """Return the expected returns of the optimal policy, of random actions and of staying.
+
+    Args:
+        task: "fp", "pp" or a `Task`.
+        noise: Probability of a displacement after each action.
+        reward: "normalized" or "paper".
+        target: The pose that shows the object best; the default is that of the paper's phantom.
+
+    Raises:
+        TypeError: If `noise` is not a number.
+        ValueError: If `task` or `reward` is unknown or `noise` outside [0, 1].
+    """
+    return _returns(_task(task), check_noise(noise), check_reward(reward), target)
+
+
+def policy(
+    task: str | Task, noise: float = 0.0, reward: str = "normalized", target: Pose = PAPER_TARGET
+) -> Policy:
+    """Return the optimal policy; arguments and errors are those of `returns`."""
+    return _policy(_task(task), check_noise(noise), check_reward(reward), target)
+
+
+@lru_cache(maxsize=256)
+def _returns(task: Task, noise: float, reward: str, target: Pose) -> Returns:
+    starts = [_state_indices(task)[pose] for pose in task.starts]
+    stay = [action.move for action in task.actions].index(Move())
+    uniform = np.full(len(task.actions), 1 / len(task.actions))
+    idle = np.eye(len(task.actions))[stay]
+    optimal = _policy(task, noise, reward, target).values[0]
+    random, staying = (_values(task, noise, reward, target, weights) for weights in (uniform, idle))
+    return Returns(*(float(values[starts].mean()) for values in (optimal, random, staying)))
+
+
+@lru_cache(maxsize=256)
+def _policy(task: Task, noise: float, reward: str, target: Pose) -> Policy:
+    """Backward induction: Q_t(s, a) = r(s') + E[V_t+1(s' displaced)], with s' the pose after a in s."""
+    following, _ = _transitions(task)
+    actions = np.zeros((task.n_steps, len(task.states)), np.int8)
+    values = np.zeros((task.n_steps + 1, len(task.states)))
+    for step in reversed(range(task.n_steps)):
+        q = _arrival(task, noise, reward, target, values[step + 1])[following]
+        # The first of equally good actions: rounding must not decide, or the bits differ between machines.
+        actions[step] = np.argmax(q >= q.max(axis=1, keepdims=True) - 1e-9, axis=1)
+        values[step] = q.max(axis=1)
+    actions.flags.writeable = False
+    values.flags.writeable = False
+    return Policy(task, actions, values)
+
+
+def _values(
+    task: Task, noise: float, reward: str, target: Pose, weights: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    """Return the expected return from every state, (n_states,), where action a has probability weights[a]."""
+    following, _ = _transitions(task)
+    values = np.zeros(len(task.states))
+    for _ in range(task.n_steps):
+        values = _arrival(task, noise, reward, target, values)[following] @ weights
+    return values
+
+
+def _arrival(
+    task: Task, noise: float, reward: str, target: Pose, values: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    """Return reward plus expected value after the noise for arriving in every state, (n_states,)."""
+    _, displaced = _transitions(task)
+    rewards = np.array([task.reward(pose, target, reward) for pose in task.states])
+    expected = (1 - noise) * values + noise * values[displaced].mean(axis=1)
+    return np.asarray(rewards + expected, dtype=np.float64)
+
+
+@lru_cache(maxsize=16)
+def _transitions(task: Task) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """Return the states after actions (n_states, n_actions), displacements (n_states, n_displacements)."""
+    indices = _state_indices(task)
+
+    def after(moves: list[Move]) -> npt.NDArray[np.intp]:
+        return np.array([[indices[pose.moved(move, task.limits)] for move in moves] for pose in task.states])
+
+    return after([action.move for action in task.actions]), after(list(task.displacements))
+
+
+@lru_cache(maxsize=16)
+def _state_indices(task: Task) -> dict[Pose, int]:
+    return {pose: index for index, pose in enumerate(task.states)}
+
+
+def _task(task: str | Task) -> Task:
+    if isinstance(task, Task):
+        return task
+    if not isinstance(task, str) or task not in TASKS:
+        raise unknown("task", task, tuple(TASKS))
+    return TASKS[task]

@@ -1,0 +1,170 @@
+"""The dynamic programme: the anchors, a brute force, and what its policy earns in the environment."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from usbench.envs.focal_point import FOCAL_POINT, FocalPointEnv
+from usbench.envs.oracle import policy, returns
+from usbench.envs.pose import Pose
+from usbench.envs.probe_plane import PROBE_PLANE, ProbePlaneEnv
+
+TARGET = Pose(0, 50, 0)
+
+
+class BlankFrames:
+    """Stands in for the simulator where only poses and rewards matter."""
+
+    def frame(self, pose):
+        return np.zeros((90, 40), np.uint8)
+
+
+@pytest.fixture
+def no_simulation(monkeypatch):
+    monkeypatch.setattr("usbench.envs.guidance.frame_store", lambda *_: BlankFrames())
+
+
+@pytest.mark.parametrize(
+    ("task", "optimal", "random"), [("fp", -5.1333, -20.9868), ("pp", -3.7661, -20.7079)]
+)
+def test_anchors_of_the_specification(task, optimal, random):
+    result = returns(task, 0.0)
+    assert round(result.optimal, 4) == optimal
+    assert round(result.random, 4) == random
+
+
+def test_staying_is_worth_sixteen_times_the_start():
+    # FP: mean |x| / 20 over nine starts is 100 / 180, plus 40 / 50 for the depth of 10 mm.
+    assert returns("fp", 0).stay == pytest.approx(-16 * (100 / 180 + 0.8))
+    # PP: mean |x| / 20 over seven starts is 60 / 140, plus the mean sine of 45, 60, 75 and 90 degrees.
+    sines = (np.sqrt(0.5) + np.sqrt(0.75) + (np.sqrt(6) + np.sqrt(2)) / 4 + 1) / 4
+    assert returns("pp", 0).stay == pytest.approx(-16 * (60 / 140 + sines))
+
+
+def test_noise_costs_the_optimum_and_reward_in_mm_is_another_scale():
+    for task in ("fp", "pp"):
+        optimal = [returns(task, noise).optimal for noise in (0, 0.25, 0.5, 1)]
+        assert optimal == sorted(optimal, reverse=True)
+        assert all(returns(task, noise).random < returns(task, noise).optimal for noise in (0, 0.5, 1))
+    # Eq. 1: 40 mm of depth take eight moves, x = 0 none: the return from there is -(35 + 30 + .. + 5) mm.
+    assert policy("fp", 0, "paper").value(0, Pose(0, 10, 0)) == -140
+
+
+def expectimax(task, pose, steps, noise, choose):
+    """Return the value of `pose` by recursion over every action and displacement, without a table."""
+    if steps == 0:
+        return 0.0
+    values = []
+    for action in task.actions:
+        arrived = pose.moved(action.move, task.limits)
+        value = task.reward(arrived, TARGET, "normalized")
+        if noise < 1:
+            value += (1 - noise) * expectimax(task, arrived, steps - 1, noise, choose)
+        if noise > 0:
+            for displacement in task.displacements:
+                slipped = arrived.moved(displacement, task.limits)
+                weight = noise / len(task.displacements)
+                value += weight * expectimax(task, slipped, steps - 1, noise, choose)
+        values.append(value)
+    return choose(values)
+
+
+@pytest.mark.parametrize("task", [FOCAL_POINT, PROBE_PLANE], ids=lambda task: task.name)
+@pytest.mark.parametrize("noise", [0.0, 0.3])
+def test_three_steps_agree_with_brute_force(task, noise):
+    short = dataclasses.replace(task, n_steps=3, starts=task.starts[:2])
+    result = returns(short, noise)
+    for found, choose in ((result.optimal, max), (result.random, np.mean)):
+        expected = np.mean([expectimax(short, pose, 3, noise, choose) for pose in short.starts])
+        assert found == pytest.approx(expected, abs=1e-12)
+
+
+def run(env, best, pose, n_episodes):
+    """Return the returns of `n_episodes` episodes of the oracle from `pose`."""
+    earned = np.zeros(n_episodes)
+    options = dataclasses.asdict(pose)
+    for episode in range(n_episodes):
+        env.reset(options=options)
+        for step in range(best.task.n_steps):
+            _, reward, *_ = env.step(best.action(step, env.pose))
+            earned[episode] += reward
+    return earned
+
+
+@pytest.mark.parametrize("env_class", [FocalPointEnv, ProbePlaneEnv])
+def test_without_noise_the_oracle_earns_exactly_its_value_from_every_start(env_class, no_simulation):
+    env, task = env_class(), env_class.task
+    best = policy(task.name, 0.0)
+    earned = [run(env, best, pose, 1)[0] for pose in task.starts]
+    for pose, value in zip(task.starts, earned, strict=True):
+        assert value == pytest.approx(best.value(0, pose), abs=1e-9)
+    assert np.mean(earned) == pytest.approx(returns(task.name, 0.0).optimal, abs=1e-9)
+
+
+@pytest.mark.parametrize("env_class", [FocalPointEnv, ProbePlaneEnv])
+@pytest.mark.parametrize("noise", [0.25, 0.5])
+def test_with_noise_the_oracle_earns_its_expectation(env_class, noise, no_simulation):
+    env, task = env_class(noise=noise), env_class.task
+    env.reset(seed=20)
+    best = policy(task.name, noise)
+    deviations = []
+    for pose in task.starts:
+        earned = run(env, best, pose, 1_600 // len(task.starts))
+        deviation = (earned.mean() - best.value(0, pose)) / (earned.std(ddof=1) / np.sqrt(earned.size))
+        assert abs(deviation) < 4
+        deviations.append(deviation)
+    # All starts together: their standard deviations from the expectation add up like a random walk.
+    assert abs(np.sum(deviations)) < 3.5 * np.sqrt(len(deviations))
+
+
+def test_random_hands_earn_their_expectation(no_simulation):
+    env = ProbePlaneEnv(noise=0.5)
+    env.reset(seed=21)
+    hand = np.random.default_rng(22)
+    earned = []
+    for _ in range(1_000):
+        env.reset()
+        earned.append(sum(env.step(int(hand.integers(5)))[1] for _ in range(16)))
+    error = np.std(earned, ddof=1) / np.sqrt(len(earned))
+    assert abs(np.mean(earned) - returns("pp", 0.5).random) < 3.5 * error
+
+
+def test_the_policy_takes_plain_tuples_and_holds_still_at_the_goal():
+    best = policy("pp", 0.0)
+    assert best.action(0, (0, 50, 0)) == best.action(15, Pose(0, 50, 180)) == 0
+    assert best.action(0, (5, 50, 0)) == 1
+    assert best.action(0, (0, 50, 45)) == 3
+    assert best.action(0, (0, 50, 135)) == 4
+    assert returns("pp", 0.0) is returns("pp", 0)
+
+
+def test_another_target_moves_the_goal():
+    best = policy("fp", 0.0, target=Pose(10, 30, 0))
+    assert best.action(0, (10, 30, 0)) == 0
+    assert best.action(0, (0, 30, 0)) == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        (("FP", 0), ValueError, "unknown task 'FP' .did you mean 'fp'.*allowed are 'fp', 'pp'"),
+        ((7, 0), ValueError, "unknown task 7"),
+        (("fp", 1.5), ValueError, r"noise must be a probability in \[0, 1\], not 1.5"),
+        (("fp", float("nan")), ValueError, r"noise must be a probability in \[0, 1\], not nan"),
+        (("fp", "0"), TypeError, r"noise must be a probability in \[0, 1\], not '0'"),
+        (("fp", 0, "papre"), ValueError, "unknown reward 'papre' .did you mean 'paper'"),
+    ],
+)
+def test_bad_arguments_are_refused(arguments, error, message):
+    for function in (returns, policy):
+        with pytest.raises(error, match=message):
+            function(*arguments)
+
+
+def test_a_step_or_pose_outside_the_episode_is_refused():
+    best = policy("fp")
+    with pytest.raises(ValueError, match=r"step must be in \[0, 15\], not 16"):
+        best.action(16, (0, 50, 0))
+    with pytest.raises(ValueError, match="pose must be one that task 'fp' can reach"):
+        best.action(0, (0, 50, 15))
