@@ -219,7 +219,7 @@ def _instance(name: str, value: T | None, cls: type[T]) -> T:
     if value is None:
         return cls()
     if not isinstance(value, cls):
-        raise TypeError(f"{name} must be a {cls.__name__}, not {value!r}.")
+        raise TypeError(f"{name} must be of type {cls.__name__}, not {value!r}.")
     return value
 
 

@@ -162,7 +162,7 @@ def _draw_side(image: Image, phantom: Phantom, pose: Pose) -> None:
     _polygon(image, [(center, focus), (center + spread, foot), (center - spread, foot)], BEAM, 0.22)
     _line(image, (center - slab, focus), (center + slab, focus), FOCUS)
 
-    shell = slab + 2 * scale
+    shell = slab + scale
     handle = 0.72 * shell
     outline = [(center - handle, TOP - 38), (center + handle, TOP - 38), (center + shell, TOP - 12)]
     outline += [(center + shell, TOP), (center - shell, TOP), (center - shell, TOP - 12)]

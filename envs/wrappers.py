@@ -96,7 +96,7 @@ class NormalizeImage(
 
     def observation(self, observation: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
         """Return the image as normalized float32."""
-        image = np.subtract(observation, self.mean, dtype=np.float32)
+        image: npt.NDArray[np.float32] = np.subtract(observation, self.mean, dtype=np.float32)
         image /= self.std
         return image
 
