@@ -6,6 +6,7 @@ import difflib
 import numbers
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, ClassVar, TypeVar
 
 import gymnasium as gym
@@ -62,6 +63,11 @@ class Task:
     distance_mm: Callable[[Pose, Pose], float]
     n_steps: int = 16
     limits: Limits = LIMITS
+
+    @cached_property
+    def indices(self) -> dict[Pose, int]:
+        """The place of every pose in `states`."""
+        return {pose: index for index, pose in enumerate(self.states)}
 
 
 def unknown(what: str, value: object, allowed: Collection[str]) -> ValueError:

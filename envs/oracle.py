@@ -61,7 +61,7 @@ class Policy:
 
     def _state(self, pose: Pose | tuple[int, int, int]) -> int:
         pose = pose if isinstance(pose, Pose) else Pose(*pose)
-        index = _state_indices(self.task).get(pose)
+        index = self.task.indices.get(pose)
         if index is None:
             raise ValueError(f"pose must be one that task {self.task.name!r} can reach, not {pose}.")
         return index
@@ -94,7 +94,7 @@ def policy(
 
 @lru_cache(maxsize=256)
 def _returns(task: Task, noise: float, reward: str, target: Pose) -> Returns:
-    starts = [_state_indices(task)[pose] for pose in task.starts]
+    starts = [task.indices[pose] for pose in task.starts]
     stay = [action.move for action in task.actions].index(Move())
     uniform = np.full(len(task.actions), 1 / len(task.actions))
     idle = np.eye(len(task.actions))[stay]
@@ -143,17 +143,13 @@ def _arrival(
 @lru_cache(maxsize=16)
 def _transitions(task: Task) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
     """Return the states after actions (n_states, n_actions), displacements (n_states, n_displacements)."""
-    indices = _state_indices(task)
 
     def after(moves: list[Move]) -> npt.NDArray[np.intp]:
-        return np.array([[indices[pose.moved(move, task.limits)] for move in moves] for pose in task.states])
+        return np.array(
+            [[task.indices[pose.moved(move, task.limits)] for move in moves] for pose in task.states]
+        )
 
     return after([action.move for action in task.actions]), after(list(task.displacements))
-
-
-@lru_cache(maxsize=16)
-def _state_indices(task: Task) -> dict[Pose, int]:
-    return {pose: index for index, pose in enumerate(task.states)}
 
 
 def _task(task: str | Task) -> Task:
