@@ -1,0 +1,161 @@
+"""The floor (random, stay) and the ceiling (oracle): not learned, with SB3's `learn` and `predict`."""
+
+import json
+import zipfile
+from pathlib import Path
+from typing import Any, ClassVar, Protocol, Self
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+
+from usbench.agents.hyperparameters import check_seed
+
+Actions = np.ndarray[Any, np.dtype[np.int64]]
+STAY = 0
+STATE_KEYS = ("x_mm", "focal_depth_mm", "angle_deg")
+
+
+class Planner(Protocol):
+    """What the oracle follows: a plan that knows where the probe is."""
+
+    def action(self, step: int, pose: tuple[int, int, int]) -> int:
+        """The action after `step` steps at the pose `(x_mm, focal_depth_mm, angle_deg)`."""
+        ...
+
+
+class _NotLearned:
+    """What the agents below share: SB3's interface, with nothing to learn."""
+
+    sees_state: ClassVar[bool] = False
+    num_timesteps = 0
+
+    def __init__(self, policy: object, env: Any, seed: int | None = None) -> None:
+        """Takes the spaces of `env`, a Gymnasium environment or a vector of them, with discrete actions."""
+        if not isinstance(env.action_space, spaces.Discrete):
+            raise ValueError(f"the actions must be Discrete, not {env.action_space}.")
+        self.policy = policy
+        self.action_space = env.action_space
+        self.observation_space = env.observation_space
+        self.seed = None if seed is None else check_seed(seed)
+
+    def learn(self, total_timesteps: int, *args: object, **kwargs: object) -> Self:
+        """Learns nothing and takes no step; returns itself."""
+        return self
+
+    def predict(
+        self,
+        observation: Any,
+        state: tuple[Any, ...] | None = None,
+        episode_start: Any = None,
+        deterministic: bool = False,
+    ) -> tuple[Actions, tuple[Any, ...] | None]:
+        """Actions `(n_envs,)` for a batch of observations, `()` for a single one; `state` passes through."""
+        raise NotImplementedError
+
+    def _batch_shape(self, observation: Any) -> tuple[int, ...]:
+        """`(n_envs,)` for a batch of observations, `()` for a single one."""
+        shape: tuple[int, ...] = np.shape(observation)
+        return shape[: len(shape) - len(self.observation_space.shape)]
+
+    def _data(self) -> dict[str, Any]:
+        return {"seed": self.seed}
+
+    def _restore(self, data: dict[str, Any]) -> None:
+        self.seed = data["seed"]
+
+    def save(self, path: str | Path) -> None:
+        """Writes a zip of JSON; `.zip` is added where the name has no ending."""
+        path = Path(path)
+        with zipfile.ZipFile(path if path.suffix else path.with_suffix(".zip"), "w") as archive:
+            # A `ZipInfo` of its own carries no time of day: same agent, same bytes.
+            archive.writestr(zipfile.ZipInfo("data.json"), json.dumps(self._data()))
+
+    @classmethod
+    def load(cls, path: str | Path, env: gym.Env[Any, Any], policy: object = None) -> Self:
+        """The agent that `save` wrote, for `env`; the oracle's `policy` has to be given again."""
+        path = Path(path)
+        with zipfile.ZipFile(path if path.suffix else path.with_suffix(".zip")) as archive:
+            data = json.loads(archive.read("data.json"))
+        agent = cls(policy, env)
+        agent._restore(data)
+        return agent
+
+
+class Random(_NotLearned):
+    """Every action with the same probability, whatever `deterministic` says."""
+
+    def __init__(self, policy: object, env: Any, seed: int | None = None) -> None:
+        """Draws from its own generator of `seed`."""
+        super().__init__(policy, env, seed)
+        self._generator = np.random.default_rng(self.seed)
+
+    def predict(
+        self,
+        observation: Any,
+        state: tuple[Any, ...] | None = None,
+        episode_start: Any = None,
+        deterministic: bool = False,
+    ) -> tuple[Actions, tuple[Any, ...] | None]:
+        """A uniform draw for each observation."""
+        actions = self._generator.integers(self.action_space.n, size=self._batch_shape(observation))
+        return np.asarray(actions), state
+
+    def _data(self) -> dict[str, Any]:
+        return super()._data() | {"generator": self._generator.bit_generator.state}
+
+    def _restore(self, data: dict[str, Any]) -> None:
+        super()._restore(data)
+        self._generator.bit_generator.state = data["generator"]
+
+
+class Stay(_NotLearned):
+    """Action 0, always: in every task it moves nothing."""
+
+    def predict(
+        self,
+        observation: Any,
+        state: tuple[Any, ...] | None = None,
+        episode_start: Any = None,
+        deterministic: bool = False,
+    ) -> tuple[Actions, tuple[Any, ...] | None]:
+        """Zeros."""
+        return np.full(self._batch_shape(observation), STAY, dtype=np.int64), state
+
+
+class Oracle(_NotLearned):
+    """Follows a plan made with full knowledge: `predict` is given `info` in place of the observation.
+
+    An `info` says the pose (`x_mm`, `focal_depth_mm`, `angle_deg`) and `step`, the number of steps already
+    done in the episode, 0 after reset.
+    """
+
+    sees_state: ClassVar[bool] = True
+    policy: Planner
+
+    def __init__(self, policy: Planner, env: Any, seed: int | None = None) -> None:
+        """Takes the plan: an object with `action(step, (x_mm, focal_depth_mm, angle_deg)) -> int`."""
+        if not callable(getattr(policy, "action", None)):
+            raise TypeError(f"the oracle's policy must have a method action(step, pose), not {policy!r}.")
+        super().__init__(policy, env, seed)
+
+    def predict(
+        self,
+        observation: Any,
+        state: tuple[Any, ...] | None = None,
+        episode_start: Any = None,
+        deterministic: bool = False,
+    ) -> tuple[Actions, tuple[Any, ...] | None]:
+        """The plan's action for each `info` of a sequence, or for a single `info`."""
+        if isinstance(observation, dict):
+            return np.asarray(self._action(observation)), state
+        return np.array([self._action(info) for info in observation], dtype=np.int64), state
+
+    def _action(self, info: dict[str, Any]) -> int:
+        missing = [key for key in ("step", *STATE_KEYS) if key not in info]
+        if missing:
+            raise ValueError(
+                f"info must say {', '.join(('step', *STATE_KEYS))}; {', '.join(missing)} is missing."
+            )
+        x_mm, focal_depth_mm, angle_deg = (int(info[key]) for key in STATE_KEYS)
+        return int(self.policy.action(int(info["step"]), (x_mm, focal_depth_mm, angle_deg)))

@@ -1,0 +1,135 @@
+"""Type and range of every hyperparameter, in one place: what `VPG(...)`, the table and `--set` accept."""
+
+import difflib
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from numbers import Integral, Real
+from typing import TypeAlias
+
+Value: TypeAlias = bool | int | float
+
+
+@dataclass(frozen=True)
+class Boolean:
+    """A hyperparameter that is on or off."""
+
+    def __str__(self) -> str:
+        """What is allowed, for error messages."""
+        return "true or false"
+
+    def parse(self, text: str) -> object:
+        """`text` as a truth value, or unchanged where it is none."""
+        return {"true": True, "false": False}.get(text.strip().lower(), text)
+
+    def check(self, value: object) -> bool:
+        """`value` itself; TypeError unless it is a truth value."""
+        if not isinstance(value, bool):
+            raise TypeError
+        return value
+
+
+@dataclass(frozen=True)
+class Whole:
+    """A whole number in [low, high]."""
+
+    low: int
+    high: int
+
+    def __str__(self) -> str:
+        """What is allowed, for error messages."""
+        return f"a whole number in [{self.low}, {self.high}]"
+
+    def parse(self, text: str) -> object:
+        """`text` as an integer, or unchanged where it is none."""
+        try:
+            return int(text)
+        except ValueError:
+            return text
+
+    def check(self, value: object) -> int:
+        """`value` as int; TypeError or ValueError unless it is a whole number in the range."""
+        if isinstance(value, bool) or not isinstance(value, Integral):
+            raise TypeError
+        if not self.low <= int(value) <= self.high:
+            raise ValueError
+        return int(value)
+
+
+@dataclass(frozen=True)
+class Decimal:
+    """A number in [low, high], or in (low, high] with `above`."""
+
+    low: float
+    high: float
+    above: bool = False
+
+    def __str__(self) -> str:
+        """What is allowed, for error messages."""
+        return f"a number in {'(' if self.above else '['}{self.low:g}, {self.high:g}]"
+
+    def parse(self, text: str) -> object:
+        """`text` as a float, or unchanged where it is none."""
+        try:
+            return float(text)
+        except ValueError:
+            return text
+
+    def check(self, value: object) -> float:
+        """`value` as float; TypeError or ValueError unless it is a finite number in the range."""
+        if isinstance(value, bool) or not isinstance(value, Real):
+            raise TypeError
+        number = float(value)
+        if (
+            not math.isfinite(number)
+            or not self.low <= number <= self.high
+            or (self.above and number == self.low)
+        ):
+            raise ValueError
+        return number
+
+
+RANGES: dict[str, Boolean | Whole | Decimal] = {
+    "learning_rate": Decimal(0.0, 1.0, above=True),
+    "value_learning_rate": Decimal(0.0, 1.0, above=True),
+    # A rollout lies in memory: 65 536 stacks of four frames are 3.8 GB.
+    "n_steps": Whole(2, 65_536),
+    "n_value_steps": Whole(1, 10_000),
+    "gamma": Decimal(0.0, 1.0, above=True),
+    "gae_lambda": Decimal(0.0, 1.0),
+}
+
+
+def check(name: str, value: object) -> Value:
+    """`value` in the declared type of the hyperparameter `name`.
+
+    Raises:
+        TypeError: `value` has another type than the one declared in `RANGES`.
+        ValueError: `value` is out of range.
+    """
+    try:
+        return RANGES[name].check(value)
+    except (TypeError, ValueError) as error:
+        raise type(error)(f"{name} must be {RANGES[name]}, not {value!r}.") from None
+
+
+def parse(name: str, text: str) -> Value:
+    """The hyperparameter `name` written as `text`, as on a command line; raises as `check` does."""
+    return check(name, RANGES[name].parse(text))
+
+
+def check_seed(seed: object) -> int:
+    """`seed` as int; TypeError or ValueError unless it is a whole number that NumPy and torch take."""
+    allowed = Whole(0, 2**32 - 1)
+    try:
+        return allowed.check(seed)
+    except (TypeError, ValueError) as error:
+        raise type(error)(f"seed must be {allowed}, not {seed!r}.") from None
+
+
+def unknown(kind: str, name: str, allowed: Iterable[str]) -> ValueError:
+    """The error for a `name` that is none of the `allowed`: names the closest one."""
+    names = sorted(allowed)
+    closest = difflib.get_close_matches(name, names, n=1)
+    hint = f"did you mean {closest[0]!r}? " if closest else ""
+    return ValueError(f"unknown {kind} {name!r}: {hint}allowed are {', '.join(names) or 'none'}.")

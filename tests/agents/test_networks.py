@@ -1,0 +1,110 @@
+import importlib.util
+import sys
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+from torch import nn
+
+from usbench.agents.networks import ConvTrunk
+from usbench.agents.policies import ConvPolicy, SeparatePolicy
+
+FRAMES = gym.spaces.Box(-10, 10, (90, 40, 4), np.float32)
+ACTIONS = gym.spaces.Discrete(5)
+
+
+@pytest.fixture(autouse=True)
+def _one_thread() -> None:
+    torch.set_num_threads(1)
+
+
+def layers(module: nn.Module) -> list[nn.Module]:
+    return [layer for layer in module.modules() if not list(layer.children())]
+
+
+def test_trunk_has_the_layers_of_the_specification_in_order() -> None:
+    found = layers(ConvTrunk(FRAMES))
+    assert [type(layer) for layer in found] == [nn.Conv2d, nn.BatchNorm2d, nn.ReLU, nn.MaxPool2d] * 2
+    convolutions = [layer for layer in found if isinstance(layer, nn.Conv2d)]
+    assert [(c.in_channels, c.out_channels, c.kernel_size) for c in convolutions] == [
+        (4, 16, (3, 3)),
+        (16, 32, (3, 3)),
+    ]
+    assert [layer.kernel_size for layer in found if isinstance(layer, nn.MaxPool2d)] == [2, 2]
+
+
+def test_each_network_ends_in_one_fully_connected_layer() -> None:
+    policy = ConvPolicy(FRAMES, ACTIONS, lambda _: 1e-4)
+    assert (policy.action_net.in_features, policy.action_net.out_features) == (32 * 22 * 10, 5)
+    assert (policy.value_net.in_features, policy.value_net.out_features) == (32 * 22 * 10, 1)
+    assert list(policy.mlp_extractor.parameters()) == []
+
+
+def test_policy_and_value_share_no_parameter_and_together_are_all() -> None:
+    policy = ConvPolicy(FRAMES, ACTIONS, lambda _: 1e-4)
+    of_policy, of_value = set(policy.policy_parameters()), set(policy.value_parameters())
+    assert of_policy.isdisjoint(of_value)
+    assert of_policy | of_value == set(policy.parameters())
+    assert policy.action_net.weight in of_policy
+    assert policy.value_net.weight in of_value
+
+
+@pytest.mark.parametrize("training", [False, True])
+def test_forward_is_the_textbook_formula(training: bool) -> None:
+    torch.manual_seed(0)
+    trunk = ConvTrunk(FRAMES).train(training)
+    conv, norm = trunk.blocks[0][0], trunk.blocks[0][1]
+    with torch.no_grad():
+        # A negative scale turns the order of pixels round before pooling.
+        norm.weight.copy_(torch.linspace(-1, 1, 16))
+        norm.bias.copy_(torch.linspace(-0.5, 0.5, 16))
+        norm.running_mean.fill_(0.1)
+        norm.running_var.fill_(2.0)
+    images = torch.randn(3, 90, 40, 4)
+    with torch.no_grad():
+        maps = conv(images.permute(0, 3, 1, 2))
+        mean = maps.mean((0, 2, 3)) if training else norm.running_mean.clone()
+        var = maps.var((0, 2, 3), correction=0) if training else norm.running_var.clone()
+        column = (slice(None), None, None)
+        maps = (maps - mean[column]) / torch.sqrt(var[column] + norm.eps)
+        maps = torch.relu(maps * norm.weight[column] + norm.bias[column])
+        expected = maps.reshape(3, 16, 45, 2, 20, 2).amax((3, 5))
+        torch.testing.assert_close(
+            trunk.blocks[0](images.permute(0, 3, 1, 2)), expected, rtol=1e-4, atol=1e-5
+        )
+
+
+def test_channels_first_images_give_the_same_features() -> None:
+    transposed = gym.spaces.Box(0, 255, (4, 90, 40), np.uint8)
+    last, first = ConvTrunk(FRAMES).eval(), ConvTrunk(transposed).eval()
+    first.load_state_dict(last.state_dict())
+    images = torch.randn(2, 90, 40, 4)
+    torch.testing.assert_close(first(images.permute(0, 3, 1, 2).contiguous()), last(images))
+
+
+@pytest.mark.parametrize("shape", [(90, 40), (90, 2, 40), (3, 90, 40, 4)])
+def test_refuses_what_is_no_image(shape: tuple[int, ...]) -> None:
+    with pytest.raises(ValueError, match="are no images"):
+        ConvTrunk(gym.spaces.Box(-1, 1, shape, np.float32))
+
+
+def test_refuses_images_that_vanish_in_pooling() -> None:
+    with pytest.raises(ValueError, match="at least 4 x 4 pixels, not 3 x 8"):
+        ConvTrunk(gym.spaces.Box(-1, 1, (3, 8, 1), np.float32))
+
+
+def test_refuses_shared_features() -> None:
+    with pytest.raises(ValueError, match="share_features_extractor must be False"):
+        SeparatePolicy(FRAMES, ACTIONS, lambda _: 1e-4, share_features_extractor=True)
+
+
+def test_package_refuses_any_other_name() -> None:
+    import usbench.agents
+
+    spec = importlib.util.spec_from_file_location("agents", Path(usbench.agents.__file__))
+    assert spec is not None and spec.loader is not None
+    with pytest.raises(ImportError, match="import usbench.agents"):
+        spec.loader.exec_module(importlib.util.module_from_spec(spec))
+    assert "agents" not in sys.modules

@@ -1,0 +1,249 @@
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+
+from usbench.agents import zoo
+from usbench.agents.baselines import Oracle, Random, Stay
+from usbench.agents.hyperparameters import RANGES
+from usbench.agents.vpg import VPG
+
+
+@pytest.fixture(autouse=True)
+def _one_thread() -> None:
+    torch.set_num_threads(1)
+
+
+class Noise(gym.Env[np.ndarray, int]):
+    """Images of noise, five actions, four steps; counts its steps."""
+
+    observation_space = gym.spaces.Box(-3, 3, (8, 8, 2), np.float32)
+    action_space = gym.spaces.Discrete(5)
+    steps = 0
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict]:
+        super().reset(seed=seed)
+        self.left = 4
+        return self._image(), {}
+
+    def step(self, action: int) -> tuple[np.ndarray, float, bool, bool, dict]:
+        self.steps += 1
+        self.left -= 1
+        return self._image(), 0.0, False, self.left == 0, {}
+
+    def _image(self) -> np.ndarray:
+        return self.np_random.uniform(-3, 3, (8, 8, 2)).astype(np.float32)
+
+
+class Plan:
+    """Says what it was asked for."""
+
+    def action(self, step: int, pose: tuple[int, int, int]) -> int:
+        return (step + sum(pose)) % 5
+
+
+IMAGES = np.zeros((1000, 8, 8, 2), np.float32)
+
+
+def test_table_holds_the_papers_hyperparameters() -> None:
+    assert zoo.hyperparameters("vpg", "pp", {}) == {
+        "learning_rate": 1e-4,
+        "value_learning_rate": 1e-3,
+        "n_steps": 64,
+        "gamma": 0.99,
+        "gae_lambda": 0.97,
+        "n_value_steps": 8,
+    }
+    assert zoo.hyperparameters("vpg", "fp", {})["gae_lambda"] == 0.95
+    assert zoo.hyperparameters("vpg", "pp", {}, preset="spinup")["n_value_steps"] == 80
+
+
+def test_the_table_itself_is_within_the_ranges() -> None:
+    for algo, row in zoo.ZOO.items():
+        for values in (row.hyperparameters, *row.tasks.values(), *row.presets.values()):
+            assert values.keys() <= row.hyperparameters.keys()
+            assert zoo.hyperparameters(algo, "pp", values) == {**zoo.hyperparameters(algo, "pp"), **values}
+
+
+def test_overrides_win_over_preset_and_task() -> None:
+    merged = zoo.hyperparameters("vpg", "fp", {"n_value_steps": "3", "gae_lambda": "0.5"}, preset="spinup")
+    assert (merged["n_value_steps"], merged["gae_lambda"]) == (3, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "value"),
+    [
+        ("n_value_steps", "80", 80),
+        ("learning_rate", "1e-3", 1e-3),
+        ("gamma", "1", 1.0),
+        ("n_steps", " 16 ", 16),
+    ],
+)
+def test_text_is_parsed_to_the_declared_type(name: str, text: str, value: object) -> None:
+    parsed = zoo.hyperparameters("vpg", "pp", {name: text})[name]
+    assert parsed == value
+    assert type(parsed) is type(value)
+
+
+def test_truth_values_are_parsed() -> None:
+    from usbench.agents.hyperparameters import Boolean
+
+    assert [Boolean().parse(text) for text in ("true", "False")] == [True, False]
+    with pytest.raises(TypeError):
+        Boolean().check(Boolean().parse("1"))
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        (
+            {"n_value_steps": "eighty"},
+            r"^n_value_steps must be a whole number in \[1, 10000\], not 'eighty'.$",
+        ),
+        ({"n_value_steps": "8.5"}, "n_value_steps must be"),
+        ({"n_value_steps": "0"}, "n_value_steps must be"),
+        ({"n_value_steps": True}, "n_value_steps must be"),
+        ({"n_steps": "9" * 5000}, "n_steps must be"),
+        ({"gamma": "nan"}, r"gamma must be a number in \(0, 1\]"),
+        ({"gamma": "inf"}, "gamma must be"),
+        ({"gamma": "2.0"}, "gamma must be"),
+        ({"gamma": ""}, "gamma must be"),
+        ({"gamma": None}, "gamma must be"),
+        ({"learning_rate": "0"}, "learning_rate must be"),
+        ({"learning_rate": [1e-3]}, "learning_rate must be"),
+        (
+            {"n_valuesteps": "8"},
+            "unknown hyperparameter of vpg 'n_valuesteps': did you mean 'n_value_steps'?",
+        ),
+        ({"policy": "x"}, "unknown hyperparameter of vpg 'policy'"),
+    ],
+)
+def test_refuses_overrides(overrides: dict[str, object], words: str) -> None:
+    with pytest.raises((ValueError, TypeError), match=words) as caught:
+        zoo.hyperparameters("vpg", "pp", overrides)
+    assert "\n" not in str(caught.value)
+
+
+def test_refuses_unknown_names() -> None:
+    with pytest.raises(ValueError, match="unknown algorithm 'vgp': did you mean 'vpg'?"):
+        zoo.hyperparameters("vgp", "pp", {})
+    with pytest.raises(ValueError, match="allowed are oracle, random, stay, vpg"):
+        zoo.make("", Noise(), 0, {})
+    with pytest.raises(ValueError, match="unknown preset of vpg 'spinupp': did you mean 'spinup'?"):
+        zoo.hyperparameters("vpg", "pp", {}, preset="spinupp")
+    with pytest.raises(ValueError, match="unknown hyperparameter of random 'gamma': allowed are none"):
+        zoo.hyperparameters("random", "pp", {"gamma": "0.9"})
+
+
+@pytest.mark.parametrize("seed", [-1, 2**32, 1.0, "0", True])
+def test_refuses_seeds(seed: Any) -> None:
+    with pytest.raises((ValueError, TypeError), match="seed must be a whole number"):
+        zoo.make("random", Noise(), seed, {})
+
+
+def test_make_vpg_from_the_table() -> None:
+    model = zoo.make(
+        "vpg", Noise(), 3, zoo.hyperparameters("vpg", "fp", {"n_steps": "8"}), device="cpu", verbose=0
+    )
+    assert isinstance(model, VPG)
+    assert (model.seed, model.n_steps, model.gae_lambda) == (3, 8, 0.95)
+    model.learn(16)
+    assert model.num_timesteps == 16
+
+
+def test_an_sb3_algorithm_is_one_more_row(monkeypatch: pytest.MonkeyPatch) -> None:
+    trunk = {"features_extractor_class": "usbench.agents.networks:ConvTrunk", "net_arch": []}
+    for algo, name, values in (
+        ("a2c", "stable_baselines3:A2C", {"n_steps": 8, "gamma": 0.9}),
+        ("dqn", "stable_baselines3:DQN", {"gamma": 0.9}),
+    ):
+        row = zoo.Entry(cls=name, policy="CnnPolicy", hyperparameters=values, policy_kwargs=trunk)
+        monkeypatch.setitem(zoo.ZOO, algo, row)
+        merged = zoo.hyperparameters(algo, "pp", {"gamma": "0.5"})
+        kwargs = {"buffer_size": 100} if algo == "dqn" else {}
+        model = zoo.make(algo, Noise(), 0, merged, device="cpu", **kwargs).learn(32)
+        assert model.gamma == 0.5
+        assert any(type(module).__name__ == "ConvTrunk" for module in model.policy.modules())
+
+
+def test_listing_the_table_does_not_import_torch() -> None:
+    code = "import sys; from usbench.agents import zoo; zoo.entry('vpg'); print('torch' in sys.modules)"
+    result = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert result.stdout == "False\n"
+
+
+@pytest.mark.parametrize("algo", ["random", "stay", "oracle"])
+def test_not_learned_agents_take_no_step(algo: str) -> None:
+    env = Noise()
+    agent = zoo.make(algo, env, 0, {}, policy=Plan())
+    assert agent.learn(1000, callback=None, progress_bar=False) is agent
+    assert (env.steps, agent.num_timesteps) == (0, 0)
+    assert not zoo.entry(algo).learns
+
+
+def test_random_is_uniform_and_reproducible() -> None:
+    agents = [zoo.make("random", Noise(), seed, {}) for seed in (4, 4, 5)]
+    draws = [agent.predict(IMAGES, deterministic=True)[0] for agent in agents]
+    np.testing.assert_array_equal(draws[0], draws[1])
+    assert (draws[0] != draws[2]).any()
+    counts = np.bincount(draws[0], minlength=5)
+    # Expected 200 each, standard deviation 12.6.
+    assert counts.shape == (5,)
+    assert (abs(counts - 200) < 5 * 12.6).all()
+
+
+def test_predict_has_sb3s_shapes() -> None:
+    for agent in (Random(None, Noise(), 0), Stay(None, Noise())):
+        actions, state = agent.predict(IMAGES[:3], state=None, episode_start=np.ones(3, bool))
+        assert (actions.shape, actions.dtype, state) == ((3,), np.int64, None)
+        single, _ = agent.predict(IMAGES[0])
+        assert single.shape == ()
+        assert 0 <= int(single) < 5
+    assert Stay(None, Noise()).predict(IMAGES[:3])[0].tolist() == [0, 0, 0]
+
+
+def test_oracle_follows_its_plan() -> None:
+    agent = zoo.make("oracle", Noise(), 0, {}, policy=Plan())
+    assert agent.sees_state
+    info = {"x_mm": 5, "focal_depth_mm": 50, "angle_deg": 15, "step": 3, "distance_mm": 5.0}
+    actions, _ = agent.predict([info, {**info, "step": 5}])
+    assert actions.tolist() == [(3 + 70) % 5, (5 + 70) % 5]
+    assert agent.predict(info)[0].shape == ()
+
+
+def test_oracle_says_what_is_missing() -> None:
+    agent = Oracle(Plan(), Noise())
+    with pytest.raises(ValueError, match="step, angle_deg is missing"):
+        agent.predict([{"x_mm": 5, "focal_depth_mm": 50}])
+    with pytest.raises(TypeError, match="the oracle's policy must have a method action"):
+        zoo.make("oracle", Noise(), 0, {})
+
+
+def test_refuses_continuous_actions() -> None:
+    env = Noise()
+    env.action_space = gym.spaces.Box(-1, 1, (2,), np.float32)
+    with pytest.raises(ValueError, match="the actions must be Discrete"):
+        Random(None, env)
+
+
+def test_saved_agents_go_on_where_they_were(tmp_path: Path) -> None:
+    agent = Random(None, Noise(), 4)
+    agent.predict(IMAGES)
+    agent.save(tmp_path / "a")
+    agent.save(tmp_path / "b.zip")
+    assert (tmp_path / "a.zip").read_bytes() == (tmp_path / "b.zip").read_bytes()
+    loaded = Random.load(tmp_path / "a", env=Noise())
+    np.testing.assert_array_equal(loaded.predict(IMAGES)[0], agent.predict(IMAGES)[0])
+    Oracle(Plan(), Noise()).save(tmp_path / "oracle.zip")
+    assert Oracle.load(tmp_path / "oracle.zip", Noise(), policy=Plan()).sees_state
+
+
+def test_every_hyperparameter_in_the_table_has_a_range() -> None:
+    assert {name for row in zoo.ZOO.values() for name in row.hyperparameters} <= RANGES.keys()
