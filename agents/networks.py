@@ -6,6 +6,8 @@ from gymnasium import spaces
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 
+from usbench.agents.fused import norm_relu_pool
+
 CHANNELS = (16, 32)
 
 
@@ -41,7 +43,7 @@ class ConvTrunk(BaseFeaturesExtractor):
         if min(height, width) < 4:
             raise ValueError(f"images must have at least 4 x 4 pixels, not {height} x {width}.")
         super().__init__(observation_space, CHANNELS[-1] * (height // 4) * (width // 4))
-        self.blocks = nn.Sequential(_block(n_channels, CHANNELS[0]), _block(*CHANNELS))
+        self.blocks = nn.Sequential(Block(n_channels, CHANNELS[0]), Block(*CHANNELS))
 
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
         """Features `(n, features_dim)` of a batch of images."""
@@ -51,10 +53,19 @@ class ConvTrunk(BaseFeaturesExtractor):
         return features.flatten(1)
 
 
-def _block(n_in: int, n_out: int) -> nn.Sequential:
-    return nn.Sequential(
-        nn.Conv2d(n_in, n_out, kernel_size=3, padding=1, bias=False),
-        nn.BatchNorm2d(n_out),
-        nn.ReLU(),
-        nn.MaxPool2d(2),
-    )
+class Block(nn.Sequential):
+    """3x3 convolution -> batch norm -> ReLU -> 2x2 max-pool: halves height and width of `(n, n_in, h, w)`."""
+
+    def __init__(self, n_in: int, n_out: int) -> None:
+        """Builds the layers; the convolution needs no bias, since batch norm takes away any constant."""
+        convolution = nn.Conv2d(n_in, n_out, kernel_size=3, padding=1, bias=False)
+        super().__init__(convolution, nn.BatchNorm2d(n_out), nn.ReLU(), nn.MaxPool2d(2))
+
+    def forward(self, images: torch.Tensor) -> torch.Tensor:
+        """The layers one after the other; in a training step the last three in one."""
+        convolution, norm, relu, pool = self
+        assert isinstance(norm, nn.BatchNorm2d)
+        if self.training and torch.is_grad_enabled() and bool((norm.weight > 0).all()):
+            return norm_relu_pool(convolution(images), norm)
+        result: torch.Tensor = pool(relu(norm(convolution(images))))
+        return result

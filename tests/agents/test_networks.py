@@ -8,7 +8,7 @@ import pytest
 import torch
 from torch import nn
 
-from usbench.agents.networks import ConvTrunk
+from usbench.agents.networks import Block, ConvTrunk
 from usbench.agents.policies import ConvPolicy, SeparatePolicy
 
 FRAMES = gym.spaces.Box(-10, 10, (90, 40, 4), np.float32)
@@ -74,6 +74,36 @@ def test_forward_is_the_textbook_formula(training: bool) -> None:
         torch.testing.assert_close(
             trunk.blocks[0](images.permute(0, 3, 1, 2)), expected, rtol=1e-4, atol=1e-5
         )
+
+
+@pytest.mark.parametrize("size", [(90, 40), (45, 20), (5, 7)])
+def test_fused_training_step_equals_the_layers_one_by_one(size: tuple[int, int]) -> None:
+    torch.manual_seed(0)
+    fused, plain = Block(4, 16).train(), Block(4, 16).train()
+    with torch.no_grad():
+        fused[1].weight.uniform_(0.1, 2.0)
+        fused[1].bias.uniform_(-0.5, 0.5)
+    plain.load_state_dict(fused.state_dict())
+    images = (3.0 + torch.randn(6, 4, *size)).double()
+    inputs = [images.clone().requires_grad_() for _ in range(2)]
+    outputs = [fused.double()(inputs[0]), nn.Sequential(*plain.double())(inputs[1])]
+    assert "NormReluPool" in type(outputs[0].grad_fn).__name__
+    torch.testing.assert_close(outputs[0], outputs[1])
+    towards = torch.randn_like(outputs[0])
+    for output in outputs:
+        (output * towards).sum().backward()
+    torch.testing.assert_close(inputs[0].grad, inputs[1].grad)
+    for one, other in zip(fused.parameters(), plain.parameters(), strict=True):
+        torch.testing.assert_close(one.grad, other.grad)
+    for name, statistic in fused.state_dict().items():
+        torch.testing.assert_close(statistic, plain.state_dict()[name])
+
+
+@pytest.mark.parametrize("level", [0.0, 1e3])
+def test_training_step_survives_images_of_one_grey_level(level: float) -> None:
+    trunk = ConvTrunk(FRAMES).train()
+    trunk(torch.full((2, 90, 40, 4), level)).sum().backward()
+    assert all(torch.isfinite(parameter.grad).all() for parameter in trunk.parameters())
 
 
 def test_channels_first_images_give_the_same_features() -> None:

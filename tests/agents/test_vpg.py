@@ -11,6 +11,7 @@ from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.logger import KVWriter, Logger
 from torch import nn
 
+from usbench.agents.networks import Block
 from usbench.agents.vpg import VPG, RewardToGoBuffer
 
 
@@ -203,8 +204,8 @@ def test_batch_norm_acts_on_running_statistics_and_learns_on_the_batch() -> None
     model = VPG("CnnPolicy", Signs(), n_steps=16, n_value_steps=3, seed=0)
     norms = [module for module in model.policy.modules() if isinstance(module, nn.BatchNorm2d)]
     seen: list[tuple[bool, int]] = []
-    for norm in norms:
-        norm.register_forward_hook(lambda norm, inputs, _: seen.append((norm.training, len(inputs[0]))))
+    for block in (module for module in model.policy.modules() if isinstance(module, Block)):
+        block.register_forward_hook(lambda block, inputs, _: seen.append((block.training, len(inputs[0]))))
     model.learn(16)
     # Acting: one image at a time. Learning: the whole rollout, in 2 layers, in each of the 1 + 3 steps.
     assert [mode for mode in seen if mode[0]] == [(True, 16)] * 2 * (1 + 3)
