@@ -1,5 +1,6 @@
 """The floor (random, stay) and the ceiling (oracle): not learned, with SB3's `learn` and `predict`."""
 
+import abc
 import json
 import zipfile
 from pathlib import Path
@@ -24,7 +25,7 @@ class Planner(Protocol):
         ...
 
 
-class _NotLearned:
+class _NotLearned(abc.ABC):
     """What the agents below share: SB3's interface, with nothing to learn."""
 
     sees_state: ClassVar[bool] = False
@@ -51,7 +52,11 @@ class _NotLearned:
         deterministic: bool = False,
     ) -> tuple[Actions, tuple[Any, ...] | None]:
         """Actions `(n_envs,)` for a batch of observations, `()` for a single one; `state` passes through."""
-        raise NotImplementedError
+        return self._actions(observation), state
+
+    @abc.abstractmethod
+    def _actions(self, observation: Any) -> Actions:
+        """The action for each observation."""
 
     def _batch_shape(self, observation: Any) -> tuple[int, ...]:
         """`(n_envs,)` for a batch of observations, `()` for a single one."""
@@ -90,16 +95,8 @@ class Random(_NotLearned):
         super().__init__(policy, env, seed)
         self._generator = np.random.default_rng(self.seed)
 
-    def predict(
-        self,
-        observation: Any,
-        state: tuple[Any, ...] | None = None,
-        episode_start: Any = None,
-        deterministic: bool = False,
-    ) -> tuple[Actions, tuple[Any, ...] | None]:
-        """A uniform draw for each observation."""
-        actions = self._generator.integers(self.action_space.n, size=self._batch_shape(observation))
-        return np.asarray(actions), state
+    def _actions(self, observation: Any) -> Actions:
+        return np.asarray(self._generator.integers(self.action_space.n, size=self._batch_shape(observation)))
 
     def _data(self) -> dict[str, Any]:
         return super()._data() | {"generator": self._generator.bit_generator.state}
@@ -112,15 +109,8 @@ class Random(_NotLearned):
 class Stay(_NotLearned):
     """Action 0, always: in every task it moves nothing."""
 
-    def predict(
-        self,
-        observation: Any,
-        state: tuple[Any, ...] | None = None,
-        episode_start: Any = None,
-        deterministic: bool = False,
-    ) -> tuple[Actions, tuple[Any, ...] | None]:
-        """Zeros."""
-        return np.full(self._batch_shape(observation), STAY, dtype=np.int64), state
+    def _actions(self, observation: Any) -> Actions:
+        return np.full(self._batch_shape(observation), STAY, dtype=np.int64)
 
 
 class Oracle(_NotLearned):
@@ -139,17 +129,10 @@ class Oracle(_NotLearned):
             raise TypeError(f"the oracle's policy must have a method action(step, pose), not {policy!r}.")
         super().__init__(policy, env, seed)
 
-    def predict(
-        self,
-        observation: Any,
-        state: tuple[Any, ...] | None = None,
-        episode_start: Any = None,
-        deterministic: bool = False,
-    ) -> tuple[Actions, tuple[Any, ...] | None]:
-        """The plan's action for each `info` of a sequence, or for a single `info`."""
+    def _actions(self, observation: Any) -> Actions:
         if isinstance(observation, dict):
-            return np.asarray(self._action(observation)), state
-        return np.array([self._action(info) for info in observation], dtype=np.int64), state
+            return np.asarray(self._action(observation))
+        return np.array([self._action(info) for info in observation], dtype=np.int64)
 
     def _action(self, info: dict[str, Any]) -> int:
         missing = [key for key in ("step", *STATE_KEYS) if key not in info]

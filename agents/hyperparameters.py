@@ -2,6 +2,7 @@
 
 import difflib
 import math
+import reprlib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from numbers import Integral, Real
@@ -57,7 +58,7 @@ class Whole:
 
 
 @dataclass(frozen=True)
-class Decimal:
+class Number:
     """A number in [low, high], or in (low, high] with `above`."""
 
     low: float
@@ -89,14 +90,14 @@ class Decimal:
         return number
 
 
-RANGES: dict[str, Boolean | Whole | Decimal] = {
-    "learning_rate": Decimal(0.0, 1.0, above=True),
-    "value_learning_rate": Decimal(0.0, 1.0, above=True),
+RANGES: dict[str, Boolean | Whole | Number] = {
+    "learning_rate": Number(0.0, 1.0, above=True),
+    "value_learning_rate": Number(0.0, 1.0, above=True),
     # A rollout lies in memory: 65 536 stacks of four frames are 3.8 GB.
     "n_steps": Whole(2, 65_536),
     "n_value_steps": Whole(1, 10_000),
-    "gamma": Decimal(0.0, 1.0, above=True),
-    "gae_lambda": Decimal(0.0, 1.0),
+    "gamma": Number(0.0, 1.0, above=True),
+    "gae_lambda": Number(0.0, 1.0),
 }
 
 
@@ -110,7 +111,7 @@ def check(name: str, value: object) -> Value:
     try:
         return RANGES[name].check(value)
     except (TypeError, ValueError) as error:
-        raise type(error)(f"{name} must be {RANGES[name]}, not {value!r}.") from None
+        raise type(error)(f"{name} must be {RANGES[name]}, not {reprlib.repr(value)}.") from None
 
 
 def parse(name: str, text: str) -> Value:
@@ -124,7 +125,7 @@ def check_seed(seed: object) -> int:
     try:
         return allowed.check(seed)
     except (TypeError, ValueError) as error:
-        raise type(error)(f"seed must be {allowed}, not {seed!r}.") from None
+        raise type(error)(f"seed must be {allowed}, not {reprlib.repr(seed)}.") from None
 
 
 def unknown(kind: str, name: str, allowed: Iterable[str]) -> ValueError:
@@ -132,4 +133,4 @@ def unknown(kind: str, name: str, allowed: Iterable[str]) -> ValueError:
     names = sorted(allowed)
     closest = difflib.get_close_matches(name, names, n=1)
     hint = f"did you mean {closest[0]!r}? " if closest else ""
-    return ValueError(f"unknown {kind} {name!r}: {hint}allowed are {', '.join(names) or 'none'}.")
+    return ValueError(f"unknown {kind} {reprlib.repr(name)}: {hint}allowed are {', '.join(names) or 'none'}.")

@@ -105,6 +105,7 @@ class VPG(OnPolicyAlgorithm):
             n_steps=n_steps,
             gamma=gamma,
             gae_lambda=gae_lambda,
+            # The base class wants these three; there is one loss per network here, and it is not clipped.
             ent_coef=0.0,
             vf_coef=0.0,
             max_grad_norm=float("inf"),
