@@ -13,8 +13,9 @@ import numpy.typing as npt
 
 from usbench.envs.pose import whole_number
 
-# Of all pixels in all frames of both tasks on the default phantom: `test_wrappers.py` measures them again.
-MEAN, STD = 100.0, 50.0
+# Mean and standard deviation of the pixels in all frames of both tasks on the default phantom, rounded:
+# `pytest -m slow tests/envs/test_wrappers.py` measures them again and fails where they do not fit.
+MEAN, STD = 65.0, 58.0
 
 
 class ImageStack(
