@@ -13,8 +13,8 @@ import numpy.typing as npt
 
 from usbench.envs.pose import whole_number
 
-# Mean and standard deviation of the pixels in all frames of both tasks on the default phantom, rounded:
-# `pytest -m slow tests/envs/test_wrappers.py` measures them again and fails where they do not fit.
+# TODO: not yet measured, an estimate from two reference frames. To become mean and standard deviation of the
+# pixels in all frames of both tasks: `pytest -m slow tests/envs/test_wrappers.py` fails until they fit.
 MEAN, STD = 65.0, 58.0
 
 
