@@ -1,0 +1,68 @@
+"""Quick trials: frames drawn instead of simulated, and a handful of evaluation episodes."""
+
+import dataclasses
+import hashlib
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+
+class DrawnFrames:
+    """Stands in for the simulator: a bright spot whose place and width tell the pose."""
+
+    def frame(self, pose):
+        x, z = np.arange(40)[np.newaxis] - 19.5, np.arange(90)[:, np.newaxis]
+        width = 3 + 9 * abs(np.cos(np.radians(pose.angle_deg)))
+        spot = np.exp(-(((x + pose.x_mm) / width) ** 2) - ((z - pose.focal_depth_mm) / 10) ** 2)
+        return (20 + 200 * spot).astype(np.uint8)
+
+    def prepare(self, poses, progress=None):
+        for done in range(len(poses)):
+            if progress is not None:
+                progress(done + 1, len(poses))
+
+    def digest(self, poses):
+        return hashlib.sha256(b"".join(self.frame(pose).tobytes() for pose in poses)).hexdigest()
+
+
+def speed_up(monkeypatch):
+    """Make trials take a second or two."""
+    # Here, so that the tests of the physics do not wait for the rest.
+    from usbench import suite
+
+    frames = DrawnFrames()
+    monkeypatch.setattr("usbench.envs.guidance.frame_store", lambda *_: frames)
+    monkeypatch.setattr("usbench.runner.frame_store", lambda *_: frames)
+    rows = {
+        name: dataclasses.replace(row, repeats=1, checkpoints=2, guidance=_fewer_starts(row.guidance))
+        for name, row in suite.TASKS.items()
+    }
+    monkeypatch.setattr(suite, "TASKS", rows)
+
+
+def _fewer_starts(guidance):
+    return dataclasses.replace(guidance, starts=guidance.starts[::4])
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """Quick trials for this test."""
+    speed_up(monkeypatch)
+
+
+@pytest.fixture(scope="session")
+def _trial(tmp_path_factory):
+    from usbench import runner
+
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        speed_up(monkeypatch)
+        config = runner.resolve("vpg", "pp", steps=128, noise=0.5)
+        return runner.run_trial(config, tmp_path_factory.mktemp("runs")).folder
+
+
+@pytest.fixture
+def finished(quick, tmp_path, _trial):
+    """The folder of a finished trial (vpg on pp, noise 0.5, 128 steps), a copy for this test alone."""
+    return Path(shutil.copytree(_trial, tmp_path / "runs" / _trial.name))

@@ -1,0 +1,79 @@
+"""The straight line of modules: who may import whom, read from the sources."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+FOLDERS = {"usbench": "usbench", "usbench.envs": "envs", "usbench.agents": "agents"}
+PHYSICS = ("pose", "phantom", "probe", "rf", "bmode", "scanner", "frames")
+# Pure readers of records; the terminal's part of it is imported by the command line alone.
+READERS = ("usbench.records", "usbench.plots", "usbench.replay", "usbench.console", "usbench.cli")
+LEARNING = {"gymnasium", "torch", "stable_baselines3"}
+
+
+def modules():
+    return {
+        f"{package}.{path.stem}": path
+        for package, folder in FOLDERS.items()
+        for path in sorted((ROOT / folder).glob("*.py"))
+        if path.stem != "__init__"
+    }
+
+
+def imported(path, *, lazy=True):
+    """Names that a module imports: at its top, and inside functions where `lazy`."""
+    tree = ast.parse(path.read_text())
+    names = set()
+    for node in ast.walk(tree) if lazy else tree.body:
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import"
+            names |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
+    return names
+
+
+def reached(start):
+    """Everything that importing `start` imports, through the project's own modules."""
+    known, seen, queue = modules(), set(), [start]
+    while queue:
+        for name in imported(known[queue.pop()], lazy=False) - seen:
+            seen.add(name)
+            if name in known:
+                queue.append(name)
+    return seen
+
+
+@pytest.mark.parametrize("name", PHYSICS)
+def test_physics_knows_nothing_of_learning(name):
+    tops = {module.split(".")[0] for module in reached(f"usbench.envs.{name}")}
+    assert not tops & LEARNING
+
+
+def test_physics_stands_in_a_line():
+    for position, name in enumerate(PHYSICS):
+        below = {f"usbench.envs.{later}" for later in PHYSICS[position:]}
+        assert not imported(ROOT / "envs" / f"{name}.py") & below, name
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "agents").glob("*.py")), ids=lambda path: path.stem)
+def test_agents_meet_environments_only_through_gymnasium(path):
+    assert not [name for name in imported(path) if name.startswith("usbench.envs")]
+    own = {name for name in imported(path) if name.startswith("usbench")}
+    assert all(name.startswith("usbench.agents") for name in own)
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "envs").glob("*.py")), ids=lambda path: path.stem)
+def test_environments_import_only_environments(path):
+    own = {name for name in imported(path) if name.startswith("usbench.") or name == "usbench"}
+    assert all(name.startswith("usbench.envs") for name in own)
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_readers_of_records_import_no_torch(name):
+    code = f"import {name}, sys; sys.exit('torch' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code]).returncode == 0

@@ -1,0 +1,5 @@
+"""`python -m usbench` is `usbench`."""
+
+from usbench.cli import main
+
+raise SystemExit(main())

@@ -1,0 +1,139 @@
+"""What a person sees in the terminal: progress while a trial runs, a table and paths when it has ended."""
+
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from rich.console import Console
+from rich.table import Table
+from tqdm import tqdm
+
+from usbench import records
+
+
+class Bars:
+    """Progress on stderr: bars in a terminal, a line now and then in a file or a pipe.
+
+    A `usbench.training.Progress`.
+    """
+
+    def __init__(self) -> None:
+        """Draw nothing yet."""
+        self._live = sys.stderr.isatty()
+        self._bar: Any = None
+        self._name = ""
+        self._quarter = 0
+
+    def frames(self, done: int, total: int) -> None:
+        """`done` of `total` frames are simulated."""
+        if self._live:
+            self._show("simulating frames", done, total, "frame")
+        elif total and 4 * done // total > self._quarter:
+            self._quarter = 4 * done // total
+            print(f"simulating frames: {done} of {total}", file=sys.stderr, flush=True)
+
+    def training(self, step: int, steps: int, mean_return: float, score: float) -> None:
+        """Training is at `step` of `steps`; mean return and normalised score of the last episodes."""
+        if self._live:
+            self._show("training", step, steps, "step", f"return {mean_return:.2f}, score {score:.2f}")
+
+    def evaluated(self, step: int, mean_return: float, score: float) -> None:
+        """The checkpoint at `step` was evaluated (stochastic actions)."""
+        line = f"step {step}: evaluation return {mean_return:.2f}, normalised score {score:.2f}"
+        if self._live:
+            tqdm.write(line, file=sys.stderr)
+        else:
+            print(line, file=sys.stderr, flush=True)
+
+    def close(self) -> None:
+        """Leave the last bar as it stands."""
+        if self._bar is not None:
+            self._bar.close()
+
+    def _show(self, name: str, done: int, total: int, unit: str, postfix: str = "") -> None:
+        if name != self._name:
+            self.close()
+            self._bar = tqdm(total=total, desc=name, unit=unit, file=sys.stderr, dynamic_ncols=True)
+            self._name = name
+        self._bar.set_postfix_str(postfix, refresh=False)
+        self._bar.update(done - self._bar.n)
+
+
+def trial_table(folder: Path) -> Table:
+    """Return the last checkpoint of a trial as a table, beside random and optimal."""
+    state = records.read_state(folder)
+    config, anchors = state["config"], state["anchors"]
+    rows = pd.DataFrame(records.read_rows(folder / records.EVALUATIONS))
+    last = rows[rows["checkpoint"] == rows["checkpoint"].max()]
+    title = f"{config['algo']} on {config['task']}, noise {config['noise']:g}, seed {config['seed']}"
+    table = Table(
+        title=title,
+        caption=f"Means of {state['evaluation_episodes']} evaluation episodes after {config['steps']} "
+        "training steps. The returns of random and optimal are exact expectations.",
+    )
+    table.add_column("agent", no_wrap=True)
+    for name in ("return", "normalised\nscore", "final\ndistance", "plane\nerror", "success\nrate"):
+        table.add_column(name, justify="right", no_wrap=True)
+    shown = {
+        f"{config['algo']}, stochastic": records.means(last[~last["deterministic"]]),
+        f"{config['algo']}, deterministic": records.means(last[last["deterministic"]]),
+        **{name: {**state["references"][name], "return": anchors[name]} for name in ("random", "optimal")},
+    }
+    for name, means in shown.items():
+        score = (means["return"] - anchors["random"]) / (anchors["optimal"] - anchors["random"])
+        table.add_row(
+            name,
+            f"{means['return']:.2f}",
+            f"{score:.2f}",
+            f"{means['final_distance_mm']:.1f} mm",
+            f"{means['plane_error_deg']:.1f} deg",
+            f"{means['success_rate']:.0%}",
+        )
+    return table
+
+
+def print_trial(folder: Path, figures: dict[str, Path]) -> None:
+    """Print the table of a finished trial and where its files are."""
+    Console().print(trial_table(folder))
+    config = records.read_state(folder)["config"]
+    rest = config["steps"] % config["hyperparameters"].get("n_steps", 1)
+    if rest:
+        print(
+            f"The last {rest} of {config['steps']} steps were not learned from: "
+            f"an update takes {config['hyperparameters']['n_steps']}."
+        )
+    # Plain prints: a path must not be wrapped.
+    for name, path in {"trial folder": folder, **figures}.items():
+        print(f"{name + ':':<16}{path}")
+
+
+def print_suite() -> None:
+    """Print the tasks, the algorithms and their defaults."""
+    from usbench import suite
+    from usbench.agents.zoo import ZOO
+
+    tasks = Table(title="tasks")
+    for name in ("task", "Gymnasium id", "title", "steps", "evaluation\nepisodes"):
+        tasks.add_column(name, no_wrap=True)
+    for name, task in suite.TASKS.items():
+        episodes = str(len(suite.evaluation_episodes(name)))
+        tasks.add_row(name, task.env_id, task.guidance.title, str(task.steps), episodes)
+    algorithms = Table(title="algorithms")
+    for name in ("name", "defaults (--set)", "where they differ"):
+        algorithms.add_column(name, no_wrap=True)
+    for name, entry in ZOO.items():
+        differing = [f"--task {task}: {_settings(values, ', ')}" for task, values in entry.tasks.items()]
+        differing += [
+            f"--preset {preset}: {_settings(values, ', ')}" for preset, values in entry.presets.items()
+        ]
+        defaults = _settings(entry.hyperparameters, "\n") if entry.learns else "does not learn"
+        algorithms.add_row(name, defaults, "\n".join(differing))
+    console = Console()
+    console.print(tasks)
+    console.print(algorithms)
+
+
+def _settings(values: Mapping[str, float], separator: str) -> str:
+    return separator.join(f"{name}={value:g}" for name, value in values.items())

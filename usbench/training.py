@@ -1,0 +1,109 @@
+"""A training watched from outside: its episodes journalled, its checkpoints evaluated, its budget kept."""
+
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
+
+from stable_baselines3.common.callbacks import BaseCallback
+
+from usbench.evaluation import Evaluator
+from usbench.records import Episode, Journal
+
+RECENT_EPISODES = 20
+
+
+class Progress(Protocol):
+    """What a trial tells while it runs."""
+
+    def frames(self, done: int, total: int) -> None:
+        """`done` of `total` frames are simulated."""
+
+    def training(self, step: int, steps: int, mean_return: float, score: float) -> None:
+        """Training is at `step` of `steps`; mean return and normalised score of the last episodes."""
+
+    def evaluated(self, step: int, mean_return: float, score: float) -> None:
+        """The checkpoint at `step` was evaluated, with drawn actions."""
+
+    def close(self) -> None:
+        """Nothing follows."""
+
+
+class Silent(Progress):
+    """Tells nothing."""
+
+
+class TrainingWatch(BaseCallback):
+    """SB3 callback that follows one trial; `on_episode` is for the recorder around its environment.
+
+    Attributes:
+        seconds: Time that evaluations took so far.
+    """
+
+    def __init__(
+        self,
+        *,
+        steps: int,
+        checkpoints: Sequence[int],
+        evaluator: Evaluator,
+        score: Callable[[float], float],
+        episodes: Journal,
+        evaluations: Journal,
+        progress: Progress,
+    ) -> None:
+        """Watch a training of `steps` steps; `score` turns a mean return into a normalised score."""
+        super().__init__()
+        self.seconds = 0.0
+        self._steps, self._due = steps, list(checkpoints)
+        self._evaluator, self._score, self._progress = evaluator, score, progress
+        self._episodes, self._evaluations = episodes, evaluations
+        self._count, self._recorded_steps = 0, 0
+        self._recent: deque[float] = deque(maxlen=RECENT_EPISODES)
+
+    def on_episode(self, facts: dict[str, Any]) -> None:
+        """Journal one training episode."""
+        facts = dict(facts)
+        self._recorded_steps += len(facts.pop("actions"))
+        self._episodes.append([Episode(episode=self._count, step=self._recorded_steps, **facts)])
+        self._count += 1
+        self._recent.append(facts["return_"])
+
+    def evaluate_due(self, agent: Any) -> None:
+        """If a checkpoint was reached, play the episodes, with drawn and with likeliest actions."""
+        step = self.num_timesteps
+        reached = [checkpoint for checkpoint in self._due if checkpoint <= step]
+        if not reached:
+            return
+        self._due = self._due[len(reached) :]
+        start = time.perf_counter()
+        for deterministic in (False, True):
+            played = self._evaluator.play(
+                agent, checkpoint=reached[-1], step=step, deterministic=deterministic
+            )
+            self._evaluations.append(played)
+            mean = sum(episode.return_ for episode in played) / len(played)
+            if self._steps:
+                mode = "deterministic" if deterministic else "stochastic"
+                agent.logger.record(f"evaluation/return_{mode}", mean)
+                agent.logger.record(f"evaluation/normalized_score_{mode}", self._score(mean))
+            if not deterministic:
+                self._progress.evaluated(step, mean, self._score(mean))
+        if self._steps:
+            agent.logger.dump(step)
+        self.seconds += time.perf_counter() - start
+
+    def _on_rollout_start(self) -> None:
+        self.evaluate_due(self.model)
+
+    def _on_step(self) -> bool:
+        if self._recent:
+            mean = sum(self._recent) / len(self._recent)
+            self._progress.training(self.num_timesteps, self._steps, mean, self._score(mean))
+        # Ending a rollout here leaves it out of training, so only one that would overrun the budget is ended.
+        return self.num_timesteps < self._steps or self._steps % _rollout_steps(self.model) == 0
+
+
+def _rollout_steps(model: Any) -> int:
+    """Return how many steps the algorithm collects before it learns from them."""
+    # Off-policy first: their `n_steps` is the length of n-step returns.
+    return int(model.train_freq.frequency if hasattr(model, "train_freq") else model.n_steps)
