@@ -1,0 +1,137 @@
+"""From RF or I/Q to a B-mode image: envelope, decibels, resampling with anti-aliasing, median."""
+
+from __future__ import annotations
+
+import math
+import numbers
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from scipy import signal, sparse
+
+
+@dataclass(frozen=True)
+class Imaging:
+    """How an envelope becomes an image.
+
+    Attributes:
+        dynamic_range_db: Shown below the frame's maximum; everything weaker is black.
+        height_px: Rows; the first begins at depth 0.
+        width_px: Columns, centred on the probe.
+        pixel_size: Edge of a pixel, m.
+        median_size: Edge of the median filter, an odd number of pixels; 1 for none.
+    """
+
+    dynamic_range_db: float = 60.0
+    height_px: int = 90
+    width_px: int = 40
+    pixel_size: float = 1e-3
+    median_size: int = 5
+
+    def __post_init__(self) -> None:
+        """Refuse values that make no image."""
+        for name in ("dynamic_range_db", "pixel_size"):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, numbers.Real):
+                raise TypeError(f"{name} must be a number, not {value!r}.")
+            if not math.isfinite(value) or value <= 0:
+                raise ValueError(f"{name} must be a positive number, not {value!r}.")
+            object.__setattr__(self, name, float(value))
+        for name in ("height_px", "width_px", "median_size"):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, numbers.Integral):
+                raise TypeError(f"{name} must be a whole number, not {value!r}.")
+            if value < 1:
+                raise ValueError(f"{name} must be a whole number from 1, not {value!r}.")
+            object.__setattr__(self, name, int(value))
+        if self.median_size % 2 == 0:
+            raise ValueError(f"median_size must be odd, not {self.median_size}.")
+
+    @property
+    def depth(self) -> float:
+        """Depth of the image's lower edge, m."""
+        return self.height_px * self.pixel_size
+
+
+def envelope(signals: npt.ArrayLike) -> npt.NDArray[np.float32]:
+    """Return the envelope (n_samples, n_lines): |I/Q| of complex signals, |Hilbert transform| of real RF."""
+    array = np.asarray(signals)
+    if array.ndim != 2 or array.size == 0:
+        raise ValueError(f"signals must have shape (n_samples, n_lines), not {array.shape}.")
+    if not np.isfinite(array).all():
+        raise ValueError("signals must be finite, without NaN.")
+    if not np.iscomplexobj(array):
+        padded = 2 ** math.ceil(math.log2(2 * len(array)))  # as the transform is periodic
+        array = signal.hilbert(array, N=padded, axis=0)[: len(array)]
+    return np.abs(array).astype(np.float32)
+
+
+def bmode(
+    signals: npt.ArrayLike,
+    sampling_frequency: float,
+    line_positions: npt.ArrayLike,
+    time_zero: float = 0.0,
+    speed_of_sound: float = 1540.0,
+    imaging: Imaging = Imaging(),
+) -> npt.NDArray[np.uint8]:
+    """Make an image of RF or I/Q, also of measured data.
+
+    Args:
+        signals: RF (real) or I/Q (complex), (n_samples, n_lines).
+        sampling_frequency: Of `signals`, Hz.
+        line_positions: Lateral positions of the lines, increasing, (n_lines,) m.
+        time_zero: Time of the first sample after the arrival of an echo from depth 0, s; the middle of the
+            pulse counts.
+        speed_of_sound: m/s.
+        imaging: Size and dynamic range of the image.
+
+    Returns:
+        (height_px, width_px) uint8; 255 is the maximum, 0 is `dynamic_range_db` below it or weaker.
+    """
+    decibels = log_compress(envelope(signals), imaging.dynamic_range_db)
+    lines = np.asarray(line_positions, dtype=np.float64)
+    if lines.shape != (decibels.shape[1],) or not np.all(np.diff(lines) > 0):
+        raise ValueError(
+            f"line_positions must be {decibels.shape[1]} increasing positions, one per line, not {lines!r}."
+        )
+    if not (sampling_frequency > 0 and speed_of_sound > 0 and math.isfinite(time_zero)):
+        raise ValueError("sampling_frequency and speed_of_sound must be positive and time_zero finite.")
+    step = speed_of_sound / (2 * sampling_frequency)
+    rows = _resampling(
+        len(decibels), time_zero * speed_of_sound / 2, step, imaging.height_px, imaging.pixel_size
+    )
+    spacing = float(np.ptp(lines)) / (len(lines) - 1) if len(lines) > 1 else imaging.pixel_size
+    left = -imaging.width_px / 2 * imaging.pixel_size
+    columns = _resampling(len(lines), float(lines[0]) - left, spacing, imaging.width_px, imaging.pixel_size)
+    image = columns @ (rows @ decibels).T
+    pixels = np.rint(image.T * np.float32(255.0 / imaging.dynamic_range_db)).astype(np.uint8)
+    # cv2 repeats the border: zeros there would darken it, and the corners most.
+    return cv2.medianBlur(pixels, imaging.median_size) if imaging.median_size > 1 else pixels
+
+
+def log_compress(envelopes: npt.NDArray[np.float32], dynamic_range_db: float) -> npt.NDArray[np.float32]:
+    """Return decibels above the lower end of the dynamic range, 0 .. dynamic_range_db; silence is 0."""
+    largest = float(envelopes.max(initial=0.0))
+    if largest == 0.0:
+        return np.zeros_like(envelopes)
+    floor = np.float32(largest * 10.0 ** (-dynamic_range_db / 20))
+    decibels = 20.0 * np.log10(np.maximum(envelopes, floor) / floor)
+    return decibels.astype(np.float32, copy=False)
+
+
+@lru_cache(maxsize=64)
+def _resampling(n_in: int, first: float, step: float, n_out: int, pixel_size: float) -> sparse.csr_array:
+    """Return the matrix (n_out, n_in) from samples at first, first + step, .. to pixels from 0, in m.
+
+    Linear interpolation with anti-aliasing: a triangle as wide as the coarser of both grids, normalised to 1,
+    which also repeats the border. Pixels that no sample reaches take the nearest one.
+    """
+    centers = (np.arange(n_out) + 0.5) * pixel_size
+    samples = first + np.arange(n_in) * step
+    weights = np.maximum(0.0, 1.0 - np.abs(centers[:, np.newaxis] - samples) / max(pixel_size, step))
+    empty = weights.sum(axis=1) == 0
+    weights[empty, np.abs(centers[empty, np.newaxis] - samples).argmin(axis=1)] = 1.0
+    return sparse.csr_array((weights / weights.sum(axis=1, keepdims=True)).astype(np.float32))

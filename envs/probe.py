@@ -1,0 +1,143 @@
+"""The transducer and its acquisition: one frozen dataclass in SI units."""
+
+from __future__ import annotations
+
+import math
+import numbers
+from dataclasses import dataclass, fields
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+_WHOLE = ("n_elements", "n_active", "n_lines", "n_elevation")
+
+
+@dataclass(frozen=True)
+class LinearArray:
+    """A linear array whose active aperture walks along with the scan line.
+
+    Transmit and receive share aperture, apodisation and delays: a Hann window over the `n_active` elements
+    nearest to the line, and one fixed focus on the line. Defaults: Jarosik and Lewandowski (2019).
+
+    Attributes:
+        center_frequency: Of the excitation and of the impulse response, Hz.
+        sampling_frequency: At which excitation and impulse response are sampled, Hz.
+        speed_of_sound: m/s.
+        n_elements: Number of elements.
+        element_width: Extent of an element along the array, m.
+        kerf: Gap between neighbouring elements, m.
+        element_height: Extent of an element in elevation, m; there is no elevation focus.
+        n_active: Number of active elements of a line.
+        n_lines: Number of scan lines.
+        line_spacing: Distance between neighbouring lines, m; the lines are centred on the array.
+        excitation_cycles: Cycles of the excitation, a sine burst.
+        impulse_response_cycles: Cycles of an element's impulse response, a sine burst times a Hann window.
+        n_elevation: Number of rectangles into which an element is divided in elevation.
+    """
+
+    center_frequency: float = 3.5e6
+    sampling_frequency: float = 100e6
+    speed_of_sound: float = 1540.0
+    n_elements: int = 192
+    element_width: float = 0.44e-3
+    kerf: float = 0.05e-3
+    element_height: float = 5e-3
+    n_active: int = 64
+    n_lines: int = 64
+    line_spacing: float = 0.625e-3
+    excitation_cycles: float = 2.0
+    impulse_response_cycles: float = 2.0
+    n_elevation: int = 10
+
+    def __post_init__(self) -> None:
+        """Hold the values as plain numbers, or refuse them."""
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, bool) or not isinstance(value, numbers.Real):
+                raise TypeError(f"{field.name} must be a number, not {value!r}.")
+            whole = field.name in _WHOLE
+            low = 0 if field.name == "kerf" else 1 if whole else math.nextafter(0, 1)
+            if not math.isfinite(value) or value < low or (whole and value != int(value)):
+                kind = "a whole number from 1" if whole else "a positive number"
+                raise ValueError(f"{field.name} must be {kind}, not {value!r}.")
+            object.__setattr__(self, field.name, int(value) if whole else float(value))
+        if self.n_active > self.n_elements:
+            raise ValueError(f"n_active must be at most n_elements = {self.n_elements}, not {self.n_active}.")
+        if self.sampling_frequency < 7 * self.center_frequency:
+            raise ValueError(
+                "sampling_frequency must be at least 7 times center_frequency "
+                f"({7 * self.center_frequency:g} Hz), not {self.sampling_frequency:g}."
+            )
+
+    @property
+    def pitch(self) -> float:
+        """Distance between the centres of neighbouring elements, m."""
+        return self.element_width + self.kerf
+
+    @property
+    def wavelength(self) -> float:
+        """Wavelength at the centre frequency, m."""
+        return self.speed_of_sound / self.center_frequency
+
+    @property
+    def line_positions(self) -> npt.NDArray[np.float64]:
+        """Lateral positions of the scan lines, (n_lines,) m."""
+        return (np.arange(self.n_lines) - (self.n_lines - 1) / 2) * self.line_spacing
+
+    @property
+    def apodization(self) -> npt.NDArray[np.float64]:
+        """Weights of the active elements, (n_active,): MATLAB's `hanning`, without zeros at the ends."""
+        n = np.arange(1, self.n_active + 1)
+        return 0.5 * (1.0 - np.cos(2.0 * np.pi * n / (self.n_active + 1)))
+
+    def aperture_centers(self, line_positions: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Return where the centres of the active apertures of lines at (n_lines,) m lie, (n_lines,) m.
+
+        The active elements are the `n_active` nearest to the line; where the array ends, the last ones.
+        """
+        middle = (self.n_elements - self.n_active) / 2
+        first = np.floor(line_positions / self.pitch + middle + 0.5)
+        return (np.clip(first, 0, self.n_elements - self.n_active) - middle) * self.pitch
+
+    @property
+    def rf_sampling_frequency(self) -> float:
+        """Sampling frequency of simulated RF, Hz: the lowest whole fraction that is at least 7 f0."""
+        return self.sampling_frequency / math.floor(self.sampling_frequency / (7 * self.center_frequency))
+
+    @property
+    def iq_decimation(self) -> int:
+        """RF samples per I/Q sample; the I/Q rate is at least 1.4 f0, enough for 99.9 % of the pulse."""
+        return math.floor(self.rf_sampling_frequency / (1.4 * self.center_frequency))
+
+    @property
+    def iq_sampling_frequency(self) -> float:
+        """Sampling frequency of simulated I/Q, Hz."""
+        return self.rf_sampling_frequency / self.iq_decimation
+
+    @cached_property
+    def pulse(self) -> npt.NDArray[np.float64]:
+        """Excitation convolved with the impulse responses of both ways, at `sampling_frequency`, (n_samples,)."""
+        fs, f0 = self.sampling_frequency, self.center_frequency
+        excitation = np.sin(2 * np.pi * f0 * _times(self.excitation_cycles / f0, fs))
+        time = _times(self.impulse_response_cycles / f0, fs)
+        window = 0.5 * (1.0 - np.cos(2.0 * np.pi * np.arange(1, len(time) + 1) / (len(time) + 1)))
+        response = np.sin(2 * np.pi * f0 * time) * window
+        return np.convolve(np.convolve(excitation, response), response) / fs**2
+
+    def pulse_spectrum(self, frequencies: npt.NDArray[np.float64]) -> npt.NDArray[np.complex128]:
+        """Return the Fourier transform of `pulse` at (n_frequencies,) Hz, (n_frequencies,)."""
+        time = np.arange(len(self.pulse)) / self.sampling_frequency
+        spectrum: npt.NDArray[np.complex128] = np.exp(-2j * np.pi * np.outer(frequencies, time)) @ self.pulse
+        return spectrum
+
+    @cached_property
+    def pulse_delay(self) -> float:
+        """Centre of the pulse's energy after its start, s."""
+        energy = np.square(self.pulse)
+        return float(np.arange(len(energy)) @ energy / energy.sum() / self.sampling_frequency)
+
+
+def _times(duration: float, sampling_frequency: float) -> npt.NDArray[np.float64]:
+    """Return sampling times from 0 to at most `duration`, as MATLAB's 0:1/fs:duration gives them."""
+    return np.arange(math.floor(duration * sampling_frequency * (1 + 1e-12)) + 1) / sampling_frequency

@@ -1,0 +1,34 @@
+"""The heart: a frame, from the pose of the probe to the pixels."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from usbench.envs.bmode import Imaging, bmode
+from usbench.envs.phantom import Phantom
+from usbench.envs.pose import Pose
+from usbench.envs.probe import LinearArray
+from usbench.envs.rf import simulate_iq
+
+HALF_WIDTH = 20e-3
+HALF_THICKNESS = 5e-3
+
+
+def scan(
+    phantom: Phantom, pose: Pose, array: LinearArray = LinearArray(), imaging: Imaging = Imaging()
+) -> npt.NDArray[np.uint8]:
+    """Return the B-mode frame of `phantom` from `pose`, (height_px, width_px) uint8: depth, lateral.
+
+    A pure function of its arguments, all of them frozen values.
+    """
+    positions, amplitudes = phantom.in_view(pose, HALF_WIDTH, HALF_THICKNESS)
+    iq, _ = simulate_iq(positions, amplitudes, array, pose.focal_depth_mm * 1e-3, max_depth=imaging.depth)
+    return bmode(
+        iq,
+        array.iq_sampling_frequency,
+        array.line_positions,
+        time_zero=-array.pulse_delay,
+        speed_of_sound=array.speed_of_sound,
+        imaging=imaging,
+    )
