@@ -42,7 +42,7 @@ def build_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"usbench {version('usbench')}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    debug = argparse.ArgumentParser(add_help=False)
+    debug = _Parser(add_help=False)
     debug.add_argument("--debug", action="store_true", help="show the traceback of an error")
 
     run = commands.add_parser(
@@ -116,7 +116,7 @@ def _run(args: argparse.Namespace) -> None:
         preset=args.preset,
         overrides=dict(args.set),
     )
-    progress = training.Silent() if args.quiet else console.Bars()
+    progress: training.Progress = training.Silent() if args.quiet else console.Bars()
     try:
         result = runner.run_trial(config, args.out, overwrite=args.overwrite, progress=progress)
     finally:

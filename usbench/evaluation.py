@@ -46,7 +46,8 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
         """Start an episode."""
         observation, info = self.env.reset(seed=seed, options=options)
         self._start = {f"start_{key}": int(info[key]) for key in POSE_KEYS}
-        self._return, self._to_goal = 0.0, None
+        self._return = 0.0
+        self._to_goal: int | None = None
         self._actions: list[int] = []
         return observation, info
 

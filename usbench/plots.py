@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from usbench import records
@@ -69,5 +68,5 @@ def learning_curve(folder: Path) -> Path:
     path = folder / LEARNING_CURVE
     with records.atomic_file(path) as file:
         # No date or version in the file: same records, same bytes.
-        FigureCanvasAgg(figure).print_png(file, metadata={"Software": None})
+        figure.savefig(file, format="png", metadata={"Software": None})
     return path

@@ -29,8 +29,20 @@ class Progress(Protocol):
         """Nothing follows."""
 
 
-class Silent(Progress):
-    """Tells nothing."""
+class Silent:
+    """A `Progress` that tells nothing."""
+
+    def frames(self, done: int, total: int) -> None:
+        """Say nothing."""
+
+    def training(self, step: int, steps: int, mean_return: float, score: float) -> None:
+        """Say nothing."""
+
+    def evaluated(self, step: int, mean_return: float, score: float) -> None:
+        """Say nothing."""
+
+    def close(self) -> None:
+        """Do nothing."""
 
 
 class TrainingWatch(BaseCallback):
