@@ -33,7 +33,7 @@ Progress = Callable[[int, int], None]
 
 MAX_CACHE_BYTES = 256 * 2**20
 _MODULES = (
-    "pose", "phantom", "probe", "aperture", "elevation", "response", "rf", "bmode", "scanner", "threads"
+    "pose", "phantom", "probe", "aperture", "elevation", "vector", "response", "rf", "bmode", "scanner"
 )  # fmt: skip
 _LIBRARIES = ("numpy", "scipy", "numba", "opencv-python-headless")
 

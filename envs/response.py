@@ -26,11 +26,11 @@ from usbench.envs.aperture import FAST_MATH, LANES, Floats, one_way
 from usbench.envs.elevation import elevation_factor
 from usbench.envs.probe import LinearArray
 from usbench.envs.threads import n_threads
+from usbench.envs.vector import LANES as VECTOR_LANES
 
-BLOCK = 8  # lengths of waveforms are multiples of it, for the sake of vector instructions
-_U_STEP = 0.125e-3
-_ENERGY_CUT = 1e-3  # of a waveform's own energy
-_DEPTH_CUT = 1e-5  # of the largest energy at the same depth
+BLOCK = VECTOR_LANES  # waveforms start and end at multiples of it
+_ENERGY_CUT = 3e-3
+_DEPTH_CUT = 3e-5
 _SHIFT = 0.05  # pitches by which the aperture is shifted to find the order of a grating lobe
 _DISTANCE_STEP = 0.05e-3
 
@@ -46,8 +46,9 @@ class ResponseTable:
         imag: Imaginary parts, (n,).
         nodes: (n_depths, n_u, 4) int32: first index in `real`, first sample relative to the geometric delay,
             number of samples, order of the grating lobe.
-        cells: (n_depths, n_u, 6) float32: phase advance of the cell along u and along z, and cosine and sine of
-            each.
+        span: First and last sample over all waveforms.
+        cells: (n_depths, n_u, 6) float32: turns by which the phase advances over the cell along u and along z,
+            then the cosines and the sines of both.
     """
 
     depths: npt.NDArray[np.float64]
@@ -56,6 +57,7 @@ class ResponseTable:
     imag: Floats
     nodes: npt.NDArray[np.int32]
     cells: Floats
+    span: tuple[int, int]
 
 
 @lru_cache(maxsize=24)
@@ -72,11 +74,12 @@ def response_table(
         offset: Line position minus centre of the active aperture, m, beyond what the order accounts for.
     """
     depths = depth_grid(focal_depth, z_max)
+    u_step = float(np.clip(focal_depth / 150, 0.1e-3, 0.2e-3))  # follows the width of the beam at the focus
     frequencies = _frequencies(array)
-    spectra, orders = _spectra(array, focal_depth, offset, _U_STEP * np.arange(u_max // _U_STEP + 3), depths)
+    spectra, orders = _spectra(array, focal_depth, offset, u_step * np.arange(u_max // u_step + 3), depths)
     pulse = array.pulse_spectrum(frequencies) * np.exp(2j * np.pi * frequencies * array.pulse_delay)
     spectra *= (2.0 * len(frequencies) * (frequencies[1] - frequencies[0]) * pulse).astype(np.complex64)
-    return _pack(depths, spectra, orders)
+    return _pack(depths, u_step, spectra, orders)
 
 
 def depth_grid(focal_depth: float, z_max: float) -> npt.NDArray[np.float64]:
@@ -162,17 +165,20 @@ def _fill(
 
 
 def _pack(
-    depths: npt.NDArray[np.float64], spectra: npt.NDArray[np.complex64], orders: npt.NDArray[np.int32]
+    depths: npt.NDArray[np.float64],
+    u_step: float,
+    spectra: npt.NDArray[np.complex64],
+    orders: npt.NDArray[np.int32],
 ) -> ResponseTable:
     """Turn spectra into waveforms, cut off what has no energy, and keep the phase advance of every cell."""
     n = spectra.shape[-1]
     along_u = np.einsum("ijk,ijk->ij", spectra[:, 1:], spectra[:, :-1].conj())
     along_z = np.einsum("ijk,ijk->ij", spectra[1:], spectra[:-1].conj())
     cells = np.zeros((*orders.shape, 6), dtype=np.float32)
-    cells[:-1, :-1, 0] = np.angle(along_u[:-1] + along_u[1:])
-    cells[:-1, :-1, 1] = np.angle(along_z[:, :-1] + along_z[:, 1:])
-    cells[:, :, 2:4] = np.cos(cells[:, :, :2])
-    cells[:, :, 4:6] = np.sin(cells[:, :, :2])
+    cells[:-1, :-1, 0] = np.angle(along_u[:-1] + along_u[1:]) / (2 * np.pi)
+    cells[:-1, :-1, 1] = np.angle(along_z[:, :-1] + along_z[:, 1:]) / (2 * np.pi)
+    cells[:, :, 2:4] = np.cos(2 * np.pi * cells[:, :, :2])
+    cells[:, :, 4:6] = np.sin(2 * np.pi * cells[:, :, :2])
 
     waveforms = fft.fftshift(fft.ifft(fft.ifftshift(spectra, axes=2), axis=2), axes=2)
     power = np.square(waveforms.real) + np.square(waveforms.imag)
@@ -181,14 +187,14 @@ def _pack(
     cut = 0.5 * (_ENERGY_CUT * energy + silent)[:, :, np.newaxis]
     start = (np.cumsum(power, axis=2) < cut).sum(axis=2)
     stop = n - (np.cumsum(power[:, :, ::-1], axis=2) < cut).sum(axis=2)
-    length = np.where(energy > silent, BLOCK * -(-(stop - start) // BLOCK), 0)
-    start = np.minimum(start, n - length)
+    start = start // BLOCK * BLOCK
+    length = np.where(energy > silent, -(-(stop - start) // BLOCK) * BLOCK, 0)
 
     index = np.arange(n)
     kept = waveforms[(index >= start[:, :, np.newaxis]) & (index < (start + length)[:, :, np.newaxis])]
     nodes = np.empty((*orders.shape, 4), dtype=np.int32)
     nodes[:, :, 0] = (np.cumsum(length) - length.ravel()).reshape(length.shape)
     nodes[:, :, 1], nodes[:, :, 2], nodes[:, :, 3] = start - n // 2, length, orders
-    return ResponseTable(
-        depths, _U_STEP, np.ascontiguousarray(kept.real), np.ascontiguousarray(kept.imag), nodes, cells
-    )
+    span = (int(nodes[:, :, 1].min()), int(nodes[:, :, 1:3].sum(axis=2).max()))
+    real, imag = np.ascontiguousarray(kept.real), np.ascontiguousarray(kept.imag)
+    return ResponseTable(depths, u_step, real, imag, nodes, cells, span)

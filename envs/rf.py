@@ -24,11 +24,14 @@ from usbench.envs.elevation import N_TAPS, ElevationTaps, elevation_taps
 from usbench.envs.probe import LinearArray
 from usbench.envs.response import BLOCK, ResponseTable, response_table
 from usbench.envs.threads import n_threads
+from usbench.envs.vector import add_product
 
-_N_PHASES = 8  # a delay is rounded to this part of an I/Q sample
+_PHASE_BITS = 3
+_N_PHASES = 1 << _PHASE_BITS  # a delay is rounded to this part of an I/Q sample
 _N_FIR = 16
-_SLAB = 64  # scatterers that all lines take before the next: neighbours in depth share the table's rows
+_SLAB = 16  # scatterers that all lines take before the next: neighbours in depth share the table's rows
 _MAX_DISTANCE = 0.5
+_FAR = 1 << 20
 
 
 def simulate_rf(
@@ -167,26 +170,26 @@ def _sum(
     x, y, z = (np.ascontiguousarray(column) for column in points.T)
     row = np.searchsorted(table.depths, z, side="right") - 1
     row = np.clip(row, 0, len(table.depths) - 2)
-    fraction = np.clip((z - table.depths[row]) / np.diff(table.depths)[row], 0.0, 1.0)
+    fraction = np.clip((z - table.depths[row]) / np.diff(table.depths)[row], 0.0, 1.0).astype(np.float32)
     y_row = np.rint(np.abs(y) / taps.y_step).astype(np.int32)
-    margin = (
-        2 * BLOCK
-        + int(table.nodes[:, :, 2].max(initial=0))
-        + int(np.abs(table.nodes[:, :, 1]).max(initial=0))
-    )
+    first, last = table.span
+    margin, wave_length = 2 * BLOCK + max(-first, last), last - first + 2 * BLOCK
     iq = np.empty((len(lines), n_samples), dtype=np.complex64)
     fir = _delays_fir()
+    rate, c = array.iq_sampling_frequency, array.speed_of_sound
 
     def run(part: slice) -> None:
         if part.start < part.stop:
-            sums = np.zeros((part.stop - part.start, 2, _N_PHASES, n_samples + 2 * margin), dtype=np.float32)
+            n_total = n_samples + 2 * margin
+            sums_real, sums_imag = np.zeros((2, part.stop - part.start, _N_PHASES, n_total), dtype=np.float32)
             _accumulate(
-                x, z, y_row, row, fraction, weights, table.u_step, table.real, table.imag, table.nodes,
-                table.cells, taps.taps, taps.path, taps.distance_step, lines[part],
-                4 * math.pi / array.pitch * offsets[part], array.speed_of_sound, array.center_frequency,
-                array.iq_sampling_frequency, array.pulse_delay, margin, sums,
+                x, z, y_row, row, fraction, weights.astype(np.float32), table.real, table.imag, table.nodes,
+                table.cells, taps.taps, taps.path, lines[part], 2.0 / array.pitch * offsets[part],
+                1.0 / table.u_step, 1.0 / taps.distance_step, _N_PHASES * rate / c,
+                _N_PHASES * (array.pulse_delay * rate + margin) + 0.5, array.center_frequency / c,
+                n_total, wave_length, sums_real.reshape(-1), sums_imag.reshape(-1),
             )  # fmt: skip
-            _merge(sums, fir, margin, iq[part])
+            _merge(sums_real, sums_imag, fir, margin, iq[part])
 
     n_parts = min(n_threads(), len(lines))
     bounds = [len(lines) * k // n_parts for k in range(n_parts + 1)]
@@ -197,97 +200,124 @@ def _sum(
 
 @numba.njit(fastmath=FAST_MATH, nogil=True, error_model="numpy", cache=True)
 def _accumulate(
-    x, z, y_row, row, fraction, weights, u_step, table_real, table_imag, nodes, cells, taps, path, distance_step,
-    lines, order_phase, speed_of_sound, center_frequency, rate, pulse_delay, margin, sums,
+    x, z, y_row, row, fraction, weights, table_real, table_imag, nodes, cells, taps, path, lines, order_turns,
+    columns_per_m, distances_per_m, ticks_per_m, ticks_at_zero, turns_per_m, n_total, wave_length,
+    sums_real, sums_imag,
 ):  # fmt: skip
-    """Add every scatterer's waveform to `sums`, (n_lines, 2, n_phases, n_samples + 2 margin)."""
-    n_u, n_phases, n_total = nodes.shape[1], sums.shape[2], sums.shape[3]
-    wave_real, wave_imag = np.zeros(1024, np.float32), np.zeros(1024, np.float32)
-    node_weight = np.empty((4, 2), np.float32)
-    omega = 2 * math.pi * center_frequency
+    """Add every scatterer's waveform to the sums, each (n_lines, _N_PHASES, n_total) laid out flat."""
+    n_u, n_wave = nodes.shape[1], wave_length
+    wave_real, wave_imag = np.zeros(_SLAB * n_wave, np.float32), np.zeros(_SLAB * n_wave, np.float32)
+    lengths, targets = np.zeros(_SLAB, np.int64), np.zeros(_SLAB, np.int64)
+    weight = np.zeros((_SLAB, 2 * N_TAPS), np.float32)
     for slab in range(0, x.shape[0], _SLAB):
         for line in range(lines.shape[0]):
-            out_real, out_imag = sums[line, 0], sums[line, 1]
+            n_waves = 0
             for s in range(slab, min(slab + _SLAB, x.shape[0])):
                 u = abs(x[s] - lines[line])
-                column = int(u / u_step)
-                i = row[s]
+                q = u * columns_per_m
+                column, i = int(q), row[s]
                 if column >= n_u - 1:
                     continue
-                if not (nodes[i, column, 2] | nodes[i, column + 1, 2]
-                        | nodes[i + 1, column, 2] | nodes[i + 1, column + 1, 2]):  # fmt: skip
+                n0, n1 = nodes[i, column, 2], nodes[i, column + 1, 2]
+                n2, n3 = nodes[i + 1, column, 2], nodes[i + 1, column + 1, 2]
+                if not (n0 | n1 | n2 | n3):
                     continue
 
                 # Arrival: geometric delay in the plane, and what elevation adds.
                 rho = math.sqrt(u * u + z[s] * z[s])
-                q = rho / distance_step
-                k = int(q)
-                near = np.float32(q - k)
-                iy = y_row[s]
-                delay = (2 * rho + path[iy, k] * (1 - near) + path[iy, k + 1] * near) / speed_of_sound
-                tick = int((delay + pulse_delay) * rate * n_phases + 0.5)
-                sample = tick // n_phases
-                phase = tick - sample * n_phases
+                r = rho * distances_per_m
+                k, iy = int(r), y_row[s]
+                wr = np.float32(r - k)
+                vr = np.float32(1) - wr
+                way = 2.0 * rho + (path[iy, k] * vr + path[iy, k + 1] * wr)
+                tick = int(way * ticks_per_m + ticks_at_zero)
 
                 # Weights of the cell's four corners, around its local plane wave.
-                wu, wz = u / u_step - column, fraction[s]
-                cell = cells[i, column]
+                wu, wz = np.float32(q - column), fraction[s]
+                vu, vz = np.float32(1) - wu, np.float32(1) - wz
                 order = nodes[i + (wz > 0.5), column + (wu > 0.5), 3]
-                side = 1.0 if x[s] >= lines[line] else -1.0
-                angle = cell[0] * wu + cell[1] * wz + side * order * order_phase[line] - omega * delay
-                c, d = weights[s] * math.cos(angle), weights[s] * math.sin(angle)
-                cu, cz, su, sz = cell[2], cell[3], cell[4], cell[5]
-                node_weight[0, 0], node_weight[0, 1] = (1 - wu) * (1 - wz) * c, (1 - wu) * (1 - wz) * d
-                e, f = c * cu + d * su, d * cu - c * su
-                node_weight[1, 0], node_weight[1, 1] = wu * (1 - wz) * e, wu * (1 - wz) * f
-                node_weight[2, 0] = (1 - wu) * wz * (c * cz + d * sz)
-                node_weight[2, 1] = (1 - wu) * wz * (d * cz - c * sz)
-                node_weight[3, 0] = wu * wz * (e * cz + f * sz)
-                node_weight[3, 1] = wu * wz * (f * cz - e * sz)
+                turns = order * order_turns[line]
+                turns = (turns if x[s] >= lines[line] else -turns) - way * turns_per_m
+                along_u, along_z = cells[i, column, 0], cells[i, column, 1]
+                c, d = _cos_sin(np.float32(turns - math.floor(turns)) + along_u * wu + along_z * wz)
+                c, d = weights[s] * c, weights[s] * d
+                cos_u, sin_u = cells[i, column, 2], cells[i, column, 4]
+                cos_z, sin_z = cells[i, column, 3], cells[i, column, 5]
+                c_u, d_u = c * cos_u + d * sin_u, d * cos_u - c * sin_u
+                c_z, d_z = c * cos_z + d * sin_z, d * cos_z - c * sin_z
+                c_uz, d_uz = c_u * cos_z + d_u * sin_z, d_u * cos_z - c_u * sin_z
 
-                # The interpolated waveform, with a block of zeros on either side.
-                low, high = 1 << 20, -(1 << 20)
-                for corner in range(4):
-                    node = nodes[i + corner // 2, column + corner % 2]
-                    if node[2] > 0:
-                        low, high = min(low, node[1]), max(high, node[1] + node[2])
-                n_blocks = (high - low + BLOCK - 1) // BLOCK
-                for m in range((n_blocks + 3) * BLOCK):
-                    wave_real[m] = 0
-                    wave_imag[m] = 0
-                for corner in range(4):
-                    node = nodes[i + corner // 2, column + corner % 2]
-                    a, b = node_weight[corner, 0], node_weight[corner, 1]
-                    source, target = node[0], BLOCK + node[1] - low
-                    for _ in range(node[2] // BLOCK):
-                        for m in range(BLOCK):
-                            g, h = table_real[source + m], table_imag[source + m]
-                            wave_real[target + m] += a * g - b * h
-                            wave_imag[target + m] += a * h + b * g
-                        source += BLOCK
-                        target += BLOCK
-
-                # Elevation: three taps, one I/Q sample apart.
-                target = margin + sample + low - BLOCK
-                n_blocks += 2
-                if target < 0 or target + n_blocks * BLOCK > n_total:
+                # The interpolated waveform, with zeros on either side.
+                s0, s1 = nodes[i, column, 1], nodes[i, column + 1, 1]
+                s2, s3 = nodes[i + 1, column, 1], nodes[i + 1, column + 1, 1]
+                low = min(
+                    min(s0 if n0 else _FAR, s1 if n1 else _FAR), min(s2 if n2 else _FAR, s3 if n3 else _FAR)
+                )
+                high = max(
+                    max(s0 + n0 if n0 else -_FAR, s1 + n1 if n1 else -_FAR),
+                    max(s2 + n2 if n2 else -_FAR, s3 + n3 if n3 else -_FAR),
+                )
+                length = high - low
+                target = (tick >> _PHASE_BITS) + low - 1
+                if target < 0 or target + length + BLOCK > n_total:
                     continue
-                t = taps[iy, k]
-                v = taps[iy, k + 1]
-                far = np.float32(1) - near
-                a0, a1, a2 = (far * t[0, 0] + near * v[0, 0], far * t[0, 1] + near * v[0, 1],
-                              far * t[0, 2] + near * v[0, 2])  # fmt: skip
-                b0, b1, b2 = (far * t[1, 0] + near * v[1, 0], far * t[1, 1] + near * v[1, 1],
-                              far * t[1, 2] + near * v[1, 2])  # fmt: skip
-                real, imag = out_real[phase], out_imag[phase]
-                for block in range(n_blocks):
-                    first = block * BLOCK
-                    for m in range(BLOCK):
-                        j = first + m
-                        g0, g1, g2 = wave_real[j + 1], wave_real[j], wave_real[max(j - 1, 0)]
-                        h0, h1, h2 = wave_imag[j + 1], wave_imag[j], wave_imag[max(j - 1, 0)]
-                        real[target + j] += a0 * g0 - b0 * h0 + a1 * g1 - b1 * h1 + a2 * g2 - b2 * h2
-                        imag[target + j] += a0 * h0 + b0 * g0 + a1 * h1 + b1 * g1 + a2 * h2 + b2 * g2
+                wave = n_waves * n_wave
+                _clear(wave_real, wave_imag, wave, length + 2 * BLOCK)
+                low -= wave + BLOCK
+                _add(wave_real, wave_imag, s0 - low, table_real, table_imag, nodes[i, column, 0], n0,
+                     vu * vz * c, vu * vz * d)  # fmt: skip
+                _add(wave_real, wave_imag, s1 - low, table_real, table_imag, nodes[i, column + 1, 0], n1,
+                     wu * vz * c_u, wu * vz * d_u)  # fmt: skip
+                _add(wave_real, wave_imag, s2 - low, table_real, table_imag, nodes[i + 1, column, 0], n2,
+                     vu * wz * c_z, vu * wz * d_z)  # fmt: skip
+                _add(wave_real, wave_imag, s3 - low, table_real, table_imag, nodes[i + 1, column + 1, 0], n3,
+                     wu * wz * c_uz, wu * wz * d_uz)  # fmt: skip
+                lengths[n_waves] = length + BLOCK
+                targets[n_waves] = (line * _N_PHASES + (tick & (_N_PHASES - 1))) * n_total + target
+                for tap in range(N_TAPS):
+                    weight[n_waves, tap] = vr * taps[iy, k, 0, tap] + wr * taps[iy, k + 1, 0, tap]
+                    weight[n_waves, N_TAPS + tap] = vr * taps[iy, k, 1, tap] + wr * taps[iy, k + 1, 1, tap]
+                n_waves += 1
+
+            # Apart from the loop above, as a processor stalls where it reads what it has only just written.
+            for w in range(n_waves):
+                for tap in range(N_TAPS):
+                    _add(
+                        sums_real, sums_imag, targets[w], wave_real, wave_imag, w * n_wave + BLOCK - tap,
+                        lengths[w], weight[w, tap], weight[w, N_TAPS + tap],
+                    )  # fmt: skip
+
+
+@numba.njit(nogil=True, error_model="numpy", forceinline=True)
+def _add(real, imag, first, source_real, source_imag, source_first, n, a, b):
+    """Add (a + jb) times n samples of the source (whole blocks) to n samples from `first` on."""
+    for m in range(0, n, BLOCK):
+        add_product(real, imag, first + m, source_real, source_imag, source_first + m, a, b)
+
+
+@numba.njit(nogil=True, error_model="numpy", forceinline=True)
+def _clear(real, imag, first, n):
+    """Set n samples from `first` on to 0."""
+    p, q = real[first : first + n], imag[first : first + n]
+    for m in range(n):
+        p[m] = 0
+        q[m] = 0
+
+
+@numba.njit(fastmath=FAST_MATH, nogil=True, error_model="numpy", forceinline=True)
+def _cos_sin(turns):
+    """Return cosine and sine of 2 pi `turns` (float32) to 2e-7, by Taylor's series within an eighth of a turn."""
+    quarter = math.floor(turns * np.float32(4) + np.float32(0.5))
+    w = (turns - np.float32(quarter) * np.float32(0.25)) * np.float32(2 * math.pi)
+    w2 = w * w
+    c = np.float32(1) - w2 * (np.float32(1 / 2) - w2 * (np.float32(1 / 24) - w2 * np.float32(1 / 720)))
+    s = w * (
+        np.float32(1) - w2 * (np.float32(1 / 6) - w2 * (np.float32(1 / 120) - w2 * np.float32(1 / 5040)))
+    )
+    n = int(quarter) & 3
+    if n & 1:
+        c, s = -s, c
+    return (-c, -s) if n & 2 else (c, s)
 
 
 @lru_cache(maxsize=1)
@@ -301,7 +331,7 @@ def _delays_fir() -> npt.NDArray[np.float32]:
 
 
 @numba.njit(fastmath=FAST_MATH, nogil=True, error_model="numpy", cache=True)
-def _merge(sums, fir, margin, iq):
+def _merge(sums_real, sums_imag, fir, margin, iq):
     """Delay every phase by its part of a sample and add them up: (n_lines, n_samples) complex64 in `iq`."""
     n_taps = fir.shape[1]
     n_samples = iq.shape[1]
@@ -313,7 +343,7 @@ def _merge(sums, fir, margin, iq):
             for tap in range(n_taps):
                 weight = fir[phase, tap]
                 first = margin - (tap - (n_taps // 2 - 1))
-                source_real, source_imag = sums[line, 0, phase, first:], sums[line, 1, phase, first:]
+                source_real, source_imag = sums_real[line, phase, first:], sums_imag[line, phase, first:]
                 for m in range(n_samples):
                     real[m] += weight * source_real[m]
                     imag[m] += weight * source_imag[m]
