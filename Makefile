@@ -36,7 +36,7 @@ typecheck: $(STAMP)  ## check the types (mypy --strict) on an installed copy
 	rm -rf build
 	$(BIN)/python -m pip install --disable-pip-version-check --quiet --no-deps --no-build-isolation \
 		--target build/typecheck .
-	$(BIN)/mypy build/typecheck/usbench
+	$(BIN)/mypy --no-incremental build/typecheck/usbench
 
 clean:  ## remove the environment, builds and caches (runs/ stays)
 	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

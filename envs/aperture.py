@@ -106,3 +106,42 @@ def one_way(
                 real[first + k] += p * e_real - q * e_imag
                 imag[first + k] += p * e_imag + q * e_real
             cosine, sine = cosine * step_cosine - sine * step_sine, cosine * step_sine + sine * step_cosine
+
+
+@numba.njit(fastmath=FAST_MATH, nogil=True, error_model="numpy", cache=True)
+def fill_responses(
+    u, depths, focal_depth, offset, shift, apodization, pitch, width, speed_of_sound, frequencies,
+    elevation_real, elevation_imag, distance_step, spectra, turns,
+):  # fmt: skip
+    """Compute two-way responses on a grid, and how their phase advances when the aperture shifts.
+
+    Args as for `one_way`, over u (n_u,) and depths (n_depths,); `shift` of the aperture in m; `spectra`
+    (n_depths, n_u, n_frequencies) and `turns` (n_depths, n_u) receive the results.
+    """
+    n_frequencies = frequencies.shape[0]
+    step = frequencies[1] - frequencies[0]
+    first = n_frequencies // 2 - LANES // 2
+    real, imag = np.empty(n_frequencies, np.float32), np.empty(n_frequencies, np.float32)
+    real_shifted, imag_shifted = np.empty(LANES, np.float32), np.empty(LANES, np.float32)
+    lane_real, lane_imag = np.empty(LANES, np.float32), np.empty(LANES, np.float32)
+    for i in range(depths.shape[0]):
+        for j in range(u.shape[0]):
+            one_way(
+                u[j], depths[i], focal_depth, offset, apodization, pitch, width, speed_of_sound,
+                frequencies[0], step, elevation_real, elevation_imag, distance_step, real, imag,
+                lane_real, lane_imag,
+            )  # fmt: skip
+            for k in range(n_frequencies):
+                spectra[i, j, k] = complex(real[k] * real[k] - imag[k] * imag[k], 2 * real[k] * imag[k])
+            one_way(
+                u[j], depths[i], focal_depth, offset + shift, apodization, pitch, width, speed_of_sound,
+                frequencies[first], step, elevation_real[:, first:], elevation_imag[:, first:], distance_step,
+                real_shifted, imag_shifted, lane_real, lane_imag,
+            )  # fmt: skip
+            cosine, sine = 0.0, 0.0
+            for k in range(LANES):
+                shifted = complex(real_shifted[k], imag_shifted[k])
+                advance = shifted * shifted * spectra[i, j, first + k].conjugate()
+                cosine += advance.real
+                sine += advance.imag
+            turns[i, j] = np.arctan2(sine, cosine) / (2 * np.pi)

@@ -56,6 +56,9 @@ class Imaging:
         return self.height_px * self.pixel_size
 
 
+DEFAULT_IMAGING = Imaging()
+
+
 def envelope(signals: npt.ArrayLike) -> npt.NDArray[np.float32]:
     """Return the envelope (n_samples, n_lines): |I/Q| of complex signals, |Hilbert transform| of real RF."""
     array = np.asarray(signals)
@@ -66,7 +69,7 @@ def envelope(signals: npt.ArrayLike) -> npt.NDArray[np.float32]:
     if not np.iscomplexobj(array):
         padded = 2 ** math.ceil(math.log2(2 * len(array)))  # as the transform is periodic
         array = signal.hilbert(array, N=padded, axis=0)[: len(array)]
-    return np.abs(array).astype(np.float32)
+    return np.asarray(np.abs(array), dtype=np.float32)
 
 
 def bmode(
@@ -75,7 +78,7 @@ def bmode(
     line_positions: npt.ArrayLike,
     time_zero: float = 0.0,
     speed_of_sound: float = 1540.0,
-    imaging: Imaging = Imaging(),
+    imaging: Imaging = DEFAULT_IMAGING,
 ) -> npt.NDArray[np.uint8]:
     """Make an image of RF or I/Q, also of measured data.
 
@@ -109,7 +112,7 @@ def bmode(
     image = columns @ (rows @ decibels).T
     pixels = np.rint(image.T * np.float32(255.0 / imaging.dynamic_range_db)).astype(np.uint8)
     # cv2 repeats the border: zeros there would darken it, and the corners most.
-    return cv2.medianBlur(pixels, imaging.median_size) if imaging.median_size > 1 else pixels
+    return np.asarray(cv2.medianBlur(pixels, imaging.median_size)) if imaging.median_size > 1 else pixels
 
 
 def log_compress(envelopes: npt.NDArray[np.float32], dynamic_range_db: float) -> npt.NDArray[np.float32]:

@@ -1,9 +1,9 @@
 """What the finite height of the elements does to the response: a factor E(y, rho; f).
 
 rho is the distance from an element's centre in the plane of the array. The element is divided into
-`n_elevation` rectangles in their far field, as Field II does (Jensen and Svendsen 1992); there is no elevation
-focus. Off the plane, the two-way factor (E(y)/E(0))^2 is written as a delay and three taps of the I/Q rate:
-it is a short filter, and as a plain number it would cost a percent of correlation.
+`n_elevation` rectangles in their far field, as Field II does (Jensen and Svendsen 1992); there is no
+elevation focus. Off the plane, the two-way factor (E(y) / E(0))^2 is written as a delay and three taps at the
+I/Q rate: it is a short filter, and as a plain number it would cost a percent of correlation.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _DISTANCE_STEP = 0.25e-3
 def elevation_factor(
     array: LinearArray, y: float, distances: npt.NDArray[np.float64], frequencies: npt.NDArray[np.float64]
 ) -> tuple[npt.NDArray[np.complex128], npt.NDArray[np.float64]]:
-    """Return E without its mean delay, (n_distances, n_frequencies), and that delay as a path, (n_distances,) m.
+    """Return E without its mean delay, (n_distances, n_frequencies), and its path, (n_distances,) m.
 
     E = mean_j rho / r_j * sinc(f h y_j / (r_j c)) * exp(-j 2 pi f (r_j - rho) / c), r_j = hypot(rho, y_j),
     over the rectangles j of height h at the distance y_j in elevation.
@@ -64,7 +64,7 @@ class ElevationTaps:
 
 @lru_cache(maxsize=4)
 def elevation_taps(array: LinearArray, y_max: float, distance_max: float) -> ElevationTaps:
-    """Fit the taps for |y| up to `y_max` and rho up to `distance_max` (m), weighted by the pulse's spectrum."""
+    """Fit the taps for |y| <= `y_max` and rho <= `distance_max` (m), weighted by the pulse's spectrum."""
     y_grid = np.arange(0.0, y_max + 2 * _Y_STEP * _REFINEMENT, _Y_STEP * _REFINEMENT)
     distances = np.maximum(
         np.arange(0.0, distance_max + 2 * _DISTANCE_STEP, _DISTANCE_STEP), _DISTANCE_STEP / 2

@@ -33,7 +33,8 @@ Progress = Callable[[int, int], None]
 
 MAX_CACHE_BYTES = 256 * 2**20
 _MODULES = (
-    "pose", "phantom", "probe", "aperture", "elevation", "vector", "response", "rf", "bmode", "scanner"
+    "pose", "phantom", "probe", "aperture", "elevation", "vector", "response", "summation", "rf", "bmode",
+    "scanner",
 )  # fmt: skip
 _LIBRARIES = ("numpy", "scipy", "numba", "opencv-python-headless")
 
@@ -77,7 +78,7 @@ class FrameStore:
         return frame
 
     def prepare(self, poses: Iterable[Pose], progress: Progress | None = None) -> None:
-        """Simulate what is missing of `poses` and keep it on disk; `progress(done, total)` after each frame."""
+        """Simulate what is missing of `poses` and keep it on disk; `progress(done, total)` after each."""
         self._load()
         missing = [pose for pose in dict.fromkeys(poses) if pose not in self._frames]
         for done, pose in enumerate(missing, start=1):

@@ -56,12 +56,18 @@ class LinearArray:
             value = getattr(self, field.name)
             if isinstance(value, bool) or not isinstance(value, numbers.Real):
                 raise TypeError(f"{field.name} must be a number, not {value!r}.")
-            whole = field.name in _WHOLE
-            low = 0 if field.name == "kerf" else 1 if whole else math.nextafter(0, 1)
-            if not math.isfinite(value) or value < low or (whole and value != int(value)):
-                kind = "a whole number from 1" if whole else "a positive number"
+            number, whole = float(value), field.name in _WHOLE
+            low = 0.0 if field.name == "kerf" else 1.0 if whole else math.nextafter(0.0, 1.0)
+            if not math.isfinite(number) or number < low or (whole and not number.is_integer()):
+                kind = (
+                    "a whole number from 1"
+                    if whole
+                    else "a non-negative number"
+                    if low == 0
+                    else "a positive number"
+                )
                 raise ValueError(f"{field.name} must be {kind}, not {value!r}.")
-            object.__setattr__(self, field.name, int(value) if whole else float(value))
+            object.__setattr__(self, field.name, int(number) if whole else number)
         if self.n_active > self.n_elements:
             raise ValueError(f"n_active must be at most n_elements = {self.n_elements}, not {self.n_active}.")
         if self.sampling_frequency < 7 * self.center_frequency:
@@ -83,13 +89,13 @@ class LinearArray:
     @property
     def line_positions(self) -> npt.NDArray[np.float64]:
         """Lateral positions of the scan lines, (n_lines,) m."""
-        return (np.arange(self.n_lines) - (self.n_lines - 1) / 2) * self.line_spacing
+        return np.asarray((np.arange(self.n_lines) - (self.n_lines - 1) / 2) * self.line_spacing)
 
     @property
     def apodization(self) -> npt.NDArray[np.float64]:
         """Weights of the active elements, (n_active,): MATLAB's `hanning`, without zeros at the ends."""
         n = np.arange(1, self.n_active + 1)
-        return 0.5 * (1.0 - np.cos(2.0 * np.pi * n / (self.n_active + 1)))
+        return np.asarray(0.5 * (1.0 - np.cos(2.0 * np.pi * n / (self.n_active + 1))))
 
     def aperture_centers(self, line_positions: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Return where the centres of the active apertures of lines at (n_lines,) m lie, (n_lines,) m.
@@ -98,7 +104,7 @@ class LinearArray:
         """
         middle = (self.n_elements - self.n_active) / 2
         first = np.floor(line_positions / self.pitch + middle + 0.5)
-        return (np.clip(first, 0, self.n_elements - self.n_active) - middle) * self.pitch
+        return np.asarray((np.clip(first, 0, self.n_elements - self.n_active) - middle) * self.pitch)
 
     @property
     def rf_sampling_frequency(self) -> float:
@@ -117,7 +123,7 @@ class LinearArray:
 
     @cached_property
     def pulse(self) -> npt.NDArray[np.float64]:
-        """Excitation convolved with the impulse responses of both ways, at `sampling_frequency`, (n_samples,)."""
+        """Excitation convolved with the impulse responses of both ways, (n_samples,)."""
         fs, f0 = self.sampling_frequency, self.center_frequency
         excitation = np.sin(2 * np.pi * f0 * _times(self.excitation_cycles / f0, fs))
         time = _times(self.impulse_response_cycles / f0, fs)
@@ -136,6 +142,9 @@ class LinearArray:
         """Centre of the pulse's energy after its start, s."""
         energy = np.square(self.pulse)
         return float(np.arange(len(energy)) @ energy / energy.sum() / self.sampling_frequency)
+
+
+DEFAULT_ARRAY = LinearArray()
 
 
 def _times(duration: float, sampling_frequency: float) -> npt.NDArray[np.float64]:

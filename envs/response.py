@@ -1,11 +1,11 @@
 """Pulse-echo response of a point to one line, tabulated over its lateral offset and depth per focal depth.
 
 Transmit and receive share the aperture, so the two-way response is the one-way response squared. Once the
-geometric delay 2 hypot(u, z) / c is taken out it is smooth in (u, z) and short in time: a table of I/Q waveforms
-on a coarse grid gives it everywhere. Three things keep the grid coarse and the waveforms few:
+geometric delay 2 hypot(u, z) / c is taken out it is smooth in (u, z) and short in time: a table of I/Q
+waveforms on a coarse grid gives it everywhere. Three things keep the grid coarse and the waveforms few:
 
-* within a cell the phase advances almost linearly (the beam's local direction): the table keeps the advance per
-  cell, and the waveforms are interpolated around it;
+* within a cell the phase advances almost linearly (the beam's local direction): the table keeps the advance
+  per cell, and the waveforms are interpolated around it;
 * lines do not lie on elements' centres. The offset d changes the beam's grating lobes only, by the phase
   4 pi m d / pitch for the lobe of order m (element sampling by Poisson's formula): the table keeps the order;
 * waveforms are cut where they have no energy, and points that a line does not hear have none.
@@ -17,12 +17,11 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
 
-import numba
 import numpy as np
 import numpy.typing as npt
 from scipy import fft
 
-from usbench.envs.aperture import FAST_MATH, LANES, Floats, one_way
+from usbench.envs.aperture import LANES, Floats, fill_responses
 from usbench.envs.elevation import elevation_factor
 from usbench.envs.probe import LinearArray
 from usbench.envs.threads import n_threads
@@ -47,8 +46,8 @@ class ResponseTable:
         nodes: (n_depths, n_u, 4) int32: first index in `real`, first sample relative to the geometric delay,
             number of samples, order of the grating lobe.
         span: First and last sample over all waveforms.
-        cells: (n_depths, n_u, 6) float32: turns by which the phase advances over the cell along u and along z,
-            then the cosines and the sines of both.
+        cells: (n_depths, n_u, 6) float32: turns by which the phase advances over the cell along u and z, then
+            the cosines and the sines of both.
     """
 
     depths: npt.NDArray[np.float64]
@@ -95,7 +94,7 @@ def _frequencies(array: LinearArray) -> npt.NDArray[np.float64]:
     rate = array.iq_sampling_frequency
     longest = 1.25 * array.n_active * array.pitch / array.speed_of_sound + 6.0 / array.center_frequency
     n = LANES * max(2, int(np.ceil(longest * rate / LANES)))
-    return array.center_frequency + (np.arange(n) - n // 2) * (rate / n)
+    return np.asarray(array.center_frequency + (np.arange(n) - n // 2) * (rate / n))
 
 
 def _spectra(
@@ -105,7 +104,7 @@ def _spectra(
     u: npt.NDArray[np.float64],
     depths: npt.NDArray[np.float64],
 ) -> tuple[npt.NDArray[np.complex64], npt.NDArray[np.int32]]:
-    """Return the two-way responses without pulse, (n_depths, n_u, n_frequencies), and orders (n_depths, n_u)."""
+    """Return two-way responses without pulse, (n_depths, n_u, n_frequencies), and orders (n_depths, n_u)."""
     frequencies = _frequencies(array)
     distances = np.arange(0.0, np.hypot(u[-1] + array.n_active * array.pitch / 2, depths[-1]), _DISTANCE_STEP)
     distances[0] = _DISTANCE_STEP / 2
@@ -118,7 +117,7 @@ def _spectra(
     turns = np.empty((len(depths), len(u)), dtype=np.float32)
 
     def fill(rows: slice) -> None:
-        _fill(
+        fill_responses(
             u, depths[rows], focal_depth, offset, _SHIFT * array.pitch, array.apodization, array.pitch,
             array.element_width, array.speed_of_sound, frequencies, real, imag, _DISTANCE_STEP,
             spectra[rows], turns[rows],
@@ -128,40 +127,6 @@ def _spectra(
     with ThreadPoolExecutor(n_threads()) as pool:
         list(pool.map(fill, parts))
     return spectra, np.rint(turns / (2.0 * _SHIFT)).astype(np.int32)
-
-
-@numba.njit(fastmath=FAST_MATH, nogil=True, error_model="numpy", cache=True)
-def _fill(
-    u, depths, focal_depth, offset, shift, apodization, pitch, width, speed_of_sound, frequencies,
-    elevation_real, elevation_imag, distance_step, spectra, turns,
-):  # fmt: skip
-    """Square the one-way responses; `turns` are those that the phase advances when the aperture shifts."""
-    n_frequencies = frequencies.shape[0]
-    step = frequencies[1] - frequencies[0]
-    first = n_frequencies // 2 - LANES // 2
-    real, imag = np.empty(n_frequencies, np.float32), np.empty(n_frequencies, np.float32)
-    real_shifted, imag_shifted = np.empty(LANES, np.float32), np.empty(LANES, np.float32)
-    lane_real, lane_imag = np.empty(LANES, np.float32), np.empty(LANES, np.float32)
-    for i in range(depths.shape[0]):
-        for j in range(u.shape[0]):
-            one_way(
-                u[j], depths[i], focal_depth, offset, apodization, pitch, width, speed_of_sound, frequencies[0],
-                step, elevation_real, elevation_imag, distance_step, real, imag, lane_real, lane_imag,
-            )  # fmt: skip
-            for k in range(n_frequencies):
-                spectra[i, j, k] = complex(real[k] * real[k] - imag[k] * imag[k], 2 * real[k] * imag[k])
-            one_way(
-                u[j], depths[i], focal_depth, offset + shift, apodization, pitch, width, speed_of_sound,
-                frequencies[first], step, elevation_real[:, first:], elevation_imag[:, first:], distance_step,
-                real_shifted, imag_shifted, lane_real, lane_imag,
-            )  # fmt: skip
-            cosine, sine = 0.0, 0.0
-            for k in range(LANES):
-                shifted = complex(real_shifted[k], imag_shifted[k])
-                advance = shifted * shifted * spectra[i, j, first + k].conjugate()
-                cosine += advance.real
-                sine += advance.imag
-            turns[i, j] = np.arctan2(sine, cosine) / (2 * np.pi)
 
 
 def _pack(

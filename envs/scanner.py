@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from usbench.envs.bmode import Imaging, bmode
+from usbench.envs.bmode import DEFAULT_IMAGING, Imaging, bmode
 from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Pose
-from usbench.envs.probe import LinearArray
+from usbench.envs.probe import DEFAULT_ARRAY, LinearArray
 from usbench.envs.rf import simulate_iq
 
 HALF_WIDTH = 20e-3
@@ -16,7 +16,7 @@ HALF_THICKNESS = 5e-3
 
 
 def scan(
-    phantom: Phantom, pose: Pose, array: LinearArray = LinearArray(), imaging: Imaging = Imaging()
+    phantom: Phantom, pose: Pose, array: LinearArray = DEFAULT_ARRAY, imaging: Imaging = DEFAULT_IMAGING
 ) -> npt.NDArray[np.uint8]:
     """Return the B-mode frame of `phantom` from `pose`, (height_px, width_px) uint8: depth, lateral.
 

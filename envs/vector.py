@@ -1,7 +1,7 @@
 """Complex multiply-add of eight float32 samples as vector instructions.
 
-A loop over array slices would do, but its code first proves at run time, for every few samples, that source and
-destination do not overlap; here they never do, and that proof cost more than the arithmetic.
+A loop over array slices would do, but its code first proves at run time, for every few samples, that source
+and destination do not overlap; here they never do, and that proof cost more than the arithmetic.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ def add_product(
     a: Any,
     b: Any,
 ) -> Any:
-    """Add (a + jb) times LANES samples of the source, from `source_first`, to those of real + j imag from `first`.
+    """Add (a + jb) times LANES samples of the source to those of real + j imag, from their first indices on.
 
-    Nothing is checked: arrays are contiguous float32, indices are in range, source and destination are apart.
+    Nothing is checked: arrays are contiguous float32, indices in range, source and destination apart.
     """
     signature = types.void(
         real, imag, types.int64, source_real, source_imag, types.int64, types.float32, types.float32
