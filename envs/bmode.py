@@ -85,7 +85,7 @@ def bmode(
     Args:
         signals: RF (real) or I/Q (complex), (n_samples, n_lines).
         sampling_frequency: Of `signals`, Hz.
-        line_positions: Lateral positions of the lines, increasing, (n_lines,) m.
+        line_positions: Lateral positions of the lines, increasing in equal steps, (n_lines,) m.
         time_zero: Time of the first sample after the arrival of an echo from depth 0, s; the middle of the
             pulse counts.
         speed_of_sound: m/s.
@@ -96,17 +96,26 @@ def bmode(
     """
     decibels = log_compress(envelope(signals), imaging.dynamic_range_db)
     lines = np.asarray(line_positions, dtype=np.float64)
-    if lines.shape != (decibels.shape[1],) or not np.all(np.diff(lines) > 0):
+    steps = np.diff(lines, prepend=lines[:1]) if lines.ndim == 1 else lines
+    if (
+        lines.shape != (decibels.shape[1],)
+        or not np.isfinite(lines).all()
+        or not (steps[1:] > 0).all()
+        or not np.allclose(steps[1:], steps[1:2], rtol=1e-3, atol=0.0)
+    ):
         raise ValueError(
-            f"line_positions must be {decibels.shape[1]} increasing positions, one per line, not {lines!r}."
+            f"line_positions must be {decibels.shape[1]} increasing, equally spaced positions, not {lines!r}."
         )
-    if not (sampling_frequency > 0 and speed_of_sound > 0 and math.isfinite(time_zero)):
-        raise ValueError("sampling_frequency and speed_of_sound must be positive and time_zero finite.")
+    for name, value in (("sampling_frequency", sampling_frequency), ("speed_of_sound", speed_of_sound)):
+        if not 0 < value < math.inf:
+            raise ValueError(f"{name} must be a positive number, not {value!r}.")
+    if not math.isfinite(time_zero):
+        raise ValueError(f"time_zero must be finite, not {time_zero!r}.")
     step = speed_of_sound / (2 * sampling_frequency)
     rows = _resampling(
         len(decibels), time_zero * speed_of_sound / 2, step, imaging.height_px, imaging.pixel_size
     )
-    spacing = float(np.ptp(lines)) / (len(lines) - 1) if len(lines) > 1 else imaging.pixel_size
+    spacing = float(steps[1:].mean()) if len(lines) > 1 else imaging.pixel_size
     left = -imaging.width_px / 2 * imaging.pixel_size
     columns = _resampling(len(lines), float(lines[0]) - left, spacing, imaging.width_px, imaging.pixel_size)
     image = columns @ (rows @ decibels).T

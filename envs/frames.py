@@ -64,8 +64,8 @@ class FrameStore:
         self._scene = (phantom, array, imaging)
         self._frames: dict[Pose, Frame] = {}
         self._loaded = False
-        key = hashlib.sha256(repr((*self._scene, _simulator())).encode()).hexdigest()
-        self.path = cache_folder() / f"frames-{key[:32]}.npz"
+        self._key = hashlib.sha256(repr((*self._scene, _simulator())).encode()).hexdigest()
+        self.path = cache_folder() / f"frames-{self._key[:32]}.npz"
 
     def frame(self, pose: Pose) -> Frame:
         """Return the frame from `pose`, (height_px, width_px) uint8, read-only."""
@@ -105,12 +105,13 @@ class FrameStore:
             return
         self._loaded = True
         try:
-            with np.load(self.path, allow_pickle=False) as file:
+            # Opened here: of a damaged archive, NumPy would leave it open.
+            with self.path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
                 poses, frames, checksum = file["poses"], file["frames"], str(file["checksum"])
-            if checksum != _checksum(poses, frames):
+            if checksum != _checksum(self._key, poses, frames):
                 raise ValueError("its checksum is wrong")
             os.utime(self.path)  # used lately: dropped last
-        except FileNotFoundError:
+        except (FileNotFoundError, NotADirectoryError):
             return
         except Exception as error:  # a damaged archive raises nearly anything
             warnings.warn(
@@ -128,7 +129,7 @@ class FrameStore:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             with tempfile.NamedTemporaryFile(dir=self.path.parent, suffix=".tmp", delete=False) as file:
                 temporary = file.name
-                np.savez(file, poses=poses, frames=frames, checksum=_checksum(poses, frames))
+                np.savez(file, poses=poses, frames=frames, checksum=_checksum(self._key, poses, frames))
                 file.flush()
                 os.fsync(file.fileno())
             os.replace(temporary, self.path)
@@ -145,9 +146,9 @@ def frame_store(phantom: Phantom, array: LinearArray, imaging: Imaging) -> Frame
     return FrameStore(phantom, array, imaging)
 
 
-def _checksum(poses: npt.NDArray[np.int32], frames: Frame) -> str:
-    """Return a hash of what a file holds, shapes included."""
-    header = repr((poses.shape, poses.dtype.str, frames.shape, frames.dtype.str)).encode()
+def _checksum(key: str, poses: npt.NDArray[np.int32], frames: Frame) -> str:
+    """Return a hash of what a file holds, shapes included, and of its scene: a renamed file is foreign."""
+    header = repr((key, poses.shape, poses.dtype.str, frames.shape, frames.dtype.str)).encode()
     return hashlib.sha256(header + poses.tobytes() + frames.tobytes()).hexdigest()
 
 
