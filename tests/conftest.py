@@ -9,6 +9,14 @@ import numpy as np
 import pytest
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _cache(tmp_path_factory):
+    """Every test and every process that it starts share one folder of frames, never the user's."""
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        monkeypatch.setenv("USBENCH_CACHE", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
 class DrawnFrames:
     """Stands in for the simulator: a bright spot whose place and width tell the pose."""
 

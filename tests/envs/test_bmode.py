@@ -1,0 +1,236 @@
+"""The image chain on signals whose envelope is known, on the reference and on real data."""
+
+import math
+import zlib
+
+import numpy as np
+import pytest
+
+from usbench.envs.bmode import Imaging, bmode, envelope, log_compress
+from usbench.envs.probe import LinearArray
+from usbench.envs.rf import simulate_rf
+
+FS, F0, C = 25e6, 3.5e6, 1540.0
+LINES = (np.arange(64) - 31.5) * 0.625e-3
+PLAIN = Imaging(median_size=1)
+
+
+def burst(depth=50e-3, extent=20e-3, n=3200):
+    """A tone with a Gaussian envelope around `depth`, as RF and as I/Q (n, 64), and its depths (n,)."""
+    time = np.arange(n) / FS
+    z = time * C / 2
+    amplitude = np.exp(-(((z - depth) / extent) ** 2))
+    rf = amplitude * np.cos(2 * np.pi * F0 * time + 0.3)
+    return np.tile(rf[:, np.newaxis], 64), np.tile(amplitude[:, np.newaxis] * np.exp(0.4j), 64), z
+
+
+def expected_column(depth=50e-3, extent=20e-3, dynamic_range=60.0):
+    """Pixels of the burst: 20 log10 of the Gaussian at the centres of 90 pixels."""
+    decibels = 20 * np.log10(np.exp(-((((np.arange(90) + 0.5) * 1e-3 - depth) / extent) ** 2)))
+    return 255 / dynamic_range * np.maximum(dynamic_range + decibels, 0)
+
+
+def test_envelope_of_a_tone_is_its_amplitude():
+    rf, iq, z = burst()
+    inner = slice(200, -200)
+    expected = np.exp(-(((z - 50e-3) / 20e-3) ** 2))
+    assert envelope(rf)[inner, 3] == pytest.approx(expected[inner], abs=0.01)
+    assert envelope(iq)[:, 3] == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize("kind", [0, 1], ids=["rf", "iq"])
+def test_decibels_of_a_known_burst(kind):
+    image = bmode(burst()[kind], FS, LINES, imaging=PLAIN)
+    assert image.shape == (90, 40) and image.dtype == np.uint8
+    inner = slice(4, 86)  # the Hilbert transform of a cut signal is wrong at its ends
+    assert image[inner, 20].astype(float) == pytest.approx(expected_column()[inner], abs=2)
+    assert (image == image[:, :1]).all()
+
+
+def test_time_zero_moves_the_image():
+    _, iq, _ = burst()
+    cut = 260
+    late = bmode(iq[cut:], FS, LINES, time_zero=cut / FS, imaging=PLAIN)
+    assert late[10:, 20].astype(float) == pytest.approx(expected_column()[10:], abs=2)
+    early = bmode(iq, FS, LINES, time_zero=-2 * 10e-3 / C, imaging=PLAIN)  # 10 mm nearer
+    assert early[2:70, 20].astype(float) == pytest.approx(expected_column(depth=40e-3)[2:70], abs=2)
+
+
+def test_speed_and_rate_scale_the_depth():
+    _, iq, _ = burst(depth=40e-3)
+    expected = expected_column(depth=60e-3, extent=30e-3)[5:70]
+    faster = bmode(iq, FS, LINES, speed_of_sound=1.5 * C, imaging=PLAIN)
+    assert faster[5:70, 0].astype(float) == pytest.approx(expected, abs=2)
+    assert np.array_equal(faster, bmode(iq, FS / 1.5, LINES, imaging=PLAIN))
+
+
+@pytest.mark.parametrize("dynamic_range, expected", [(60.0, 127.5), (40.0, 63.75), (30.0, 0.0), (20.0, 0.0)])
+def test_dynamic_range(dynamic_range, expected):
+    signals = np.ones((3200, 64), complex)
+    signals[1600:] = 10 ** (-30 / 20)
+    image = bmode(signals, FS, LINES, imaging=Imaging(dynamic_range_db=dynamic_range))
+    assert image[20, 20] == 255
+    assert float(image[80, 20]) == pytest.approx(expected, abs=1)
+
+
+def test_log_compress_by_hand():
+    values = np.array([[1.0, 0.1], [0.001, 1e-9]], np.float32)
+    assert log_compress(values, 60.0) == pytest.approx(np.array([[60, 40], [0, 0]]), abs=1e-4)
+
+
+def test_a_line_shows_in_its_column_and_a_sample_in_its_row():
+    signals = np.full((3200, 64), 1e-9, complex)
+    signals[:, 40] = 1  # at 5.3125 mm: pixel 25 covers 5 to 6 mm
+    image = bmode(signals, FS, LINES, imaging=PLAIN)
+    assert image[45].argmax() == 25 and not image[45, :24].any() and not image[45, 28:].any()
+    signals = np.full((3200, 64), 1e-9, complex)
+    signals[round(2 * 30.5e-3 / C * FS)] = 1
+    image = bmode(signals, FS, LINES, imaging=PLAIN)
+    assert image[:, 20].argmax() == 30 and not image[:29].any() and not image[32:].any()
+
+
+def test_stripes_finer_than_pixels_become_their_mean():
+    signals = np.full((3200, 64), 1e-3, complex)  # -60 dB
+    signals[np.arange(3200) // 3 % 2 == 0] = 1  # stripes of 0.09 mm
+    image = bmode(signals, FS, LINES, imaging=PLAIN)[1:-1]
+    assert np.abs(image - 127.5).max() <= 4
+    signals = np.full((3200, 128), 1e-3, complex)
+    signals[:, ::2] = 1
+    image = bmode(signals, FS, (np.arange(128) - 63.5) * 0.3125e-3, imaging=PLAIN)
+    assert np.abs(image[:, 1:-1] - 127.5).max() <= 12
+
+
+@pytest.mark.parametrize("median_size", [1, 5, 7])
+def test_a_constant_stays_constant_to_the_last_corner(median_size):
+    for signals in (np.full((3200, 64), 2.5 + 1j), np.full((1000, 1), 3j)):
+        lines = LINES if signals.shape[1] == 64 else [0.0]
+        assert (bmode(signals, FS, lines, imaging=Imaging(median_size=median_size)) == 255).all()
+
+
+def test_median_removes_specks_and_repeats_the_border():
+    signals = np.full((900, 40), 1e-3, complex)
+    rate, lines = C / 2 / 0.1e-3, (np.arange(40) - 19.5) * 1e-3
+    signals[300:310, 20] = 1  # one pixel
+    signals[600:, 30:] = 1  # a block in the corner
+    image = bmode(signals, rate, lines, time_zero=2 * 0.05e-3 / C)
+    assert not image[:58].any()
+    assert (image[63:, 33:] == 255).all()
+
+
+def test_silence_is_black_without_a_warning():
+    # Warnings are errors in these tests.
+    for signals in (np.zeros((3200, 64)), np.zeros((3200, 64), np.complex64)):
+        image = bmode(signals, FS, LINES)
+        assert image.dtype == np.uint8 and not image.any()
+
+
+@pytest.mark.parametrize("factor", [1e-30, 1e12])
+def test_units_of_the_signal_do_not_matter(factor):
+    rf, _, _ = burst()
+    difference = bmode(rf * factor, FS, LINES).astype(int) - bmode(rf, FS, LINES)
+    assert np.abs(difference).max() <= 1
+
+
+@pytest.mark.parametrize("k, focal_depth", [(0, 50e-3), (1, 20e-3)])
+def test_image_against_that_of_field_ii(reference, k, focal_depth):
+    array, expected = LinearArray(), reference["rf_fst"][k].T
+    scene = reference["points"], reference["amplitudes"]
+    rf, _ = simulate_rf(*scene, array, focal_depth, reference["x_lines"])
+    lines = reference["x_lines"] + 0.3125e-3
+    ours, theirs = (
+        bmode(signals, FS, lines, time_zero=-array.pulse_delay, imaging=PLAIN) for signals in (rf, expected)
+    )
+    heard = theirs > 255 / 3  # above -40 dB
+    error = (ours.astype(float) - theirs)[heard] * 60 / 255
+    assert math.sqrt(np.mean(error**2)) <= 1.0
+
+
+def read_mha(path):
+    """Pixels of a MetaImage (rows, columns)."""
+    header, data = path.read_bytes().split(b"ElementDataFile = LOCAL\n", 1)
+    fields = dict(line.split(" = ", 1) for line in header.decode().splitlines())
+    data = zlib.decompress(data) if fields["CompressedData"].strip() == "True" else data
+    columns, rows = (int(size) for size in fields["DimSize"].split()[:2])
+    kind = {"MET_SHORT": "<i2", "MET_UCHAR": "u1"}[fields["ElementType"].strip()]
+    return np.frombuffer(data, kind).reshape(rows, columns)
+
+
+def test_real_data_against_the_image_of_plus(plus):
+    # 128 lines over 38 mm, 2080 samples over 55 mm, deepest first. PLUS takes the fourth root of the envelope
+    # of the nearest sample and leaves the ends of a line black, where its Hilbert filter would not reach.
+    rows = read_mha(plus / "UltrasonixLinearRfData.igs.mha").astype(float)
+    iq = (rows[0::2] + 1j * rows[1::2]).T[::-1].copy()
+    iq[:17], iq[-17:] = 0, 0
+    theirs = read_mha(plus / "UltrasonixLinearScanConvertedData.igs.mha")[12:287, 25:215]
+    ours = bmode(
+        iq,
+        sampling_frequency=2080 * C / (2 * 55e-3),
+        line_positions=(np.arange(128) + 0.5) * 38e-3 / 128 - 19e-3,
+        time_zero=0.2e-3 / C,  # a pixel of PLUS begins where ours has its centre
+        imaging=Imaging(60.0, 275, 190, 0.2e-3, median_size=1),
+    )
+    assert np.corrcoef(ours.ravel(), theirs.ravel())[0, 1] >= 0.9
+
+
+# Bad input
+
+
+@pytest.mark.parametrize("signals", [np.zeros(10), np.zeros((0, 4)), np.zeros((3, 0)), np.zeros((2, 2, 2))])
+def test_refuses_shapes(signals):
+    with pytest.raises(ValueError, match=r"signals must have shape \(n_samples, n_lines\)"):
+        bmode(signals, FS, LINES)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, complex(0, math.nan)])
+def test_refuses_signals_that_are_not_finite(value):
+    signals = np.ones((100, 64), complex if isinstance(value, complex) else float)
+    signals[3, 3] = value
+    with pytest.raises(ValueError, match="signals must be finite"):
+        bmode(signals, FS, LINES)
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [LINES[:-1], LINES[::-1], np.zeros(64), np.full(64, math.nan), 0.0, LINES**3],
+    ids=["too few", "falling", "equal", "nan", "no array", "unequal steps"],
+)
+def test_refuses_lines(lines):
+    with pytest.raises(ValueError, match="line_positions must be 64 increasing, equally spaced positions"):
+        bmode(np.ones((100, 64)), FS, lines)
+
+
+def test_refuses_a_single_line_at_nan():
+    with pytest.raises(ValueError, match="line_positions must be 1 increasing"):
+        bmode(np.ones((100, 1)), FS, [math.nan])
+
+
+@pytest.mark.parametrize("value", [0, -1.0, math.nan, math.inf])
+@pytest.mark.parametrize("name", ["sampling_frequency", "speed_of_sound"])
+def test_refuses_rates_and_speeds(name, value):
+    arguments = {"sampling_frequency": FS, "speed_of_sound": C} | {name: value}
+    with pytest.raises(ValueError, match=f"^{name} must be a positive number, not {value}"):
+        bmode(np.ones((100, 64)), line_positions=LINES, **arguments)
+
+
+@pytest.mark.parametrize("value", [math.nan, -math.inf])
+def test_refuses_a_time_zero(value):
+    with pytest.raises(ValueError, match=f"^time_zero must be finite, not {value}"):
+        bmode(np.ones((100, 64)), FS, LINES, time_zero=value)
+
+
+@pytest.mark.parametrize("name", ["dynamic_range_db", "pixel_size", "height_px", "width_px", "median_size"])
+@pytest.mark.parametrize("value", [0, -5, "3", None, True, math.nan])
+def test_refuses_imaging(name, value):
+    with pytest.raises((TypeError, ValueError), match=rf"^{name} must be .*, not {value!r}\.$"):
+        Imaging(**{name: value})
+
+
+@pytest.mark.parametrize("name", ["height_px", "width_px", "median_size"])
+def test_refuses_broken_pixels(name):
+    with pytest.raises(TypeError, match=f"{name} must be a whole number, not 3.5"):
+        Imaging(**{name: 3.5})
+
+
+def test_refuses_an_even_median():
+    with pytest.raises(ValueError, match="median_size must be odd, not 4"):
+        Imaging(median_size=4)

@@ -1,0 +1,312 @@
+"""Frames on disk: found again by everything they depend on, and never served when in doubt."""
+
+import dataclasses
+import multiprocessing
+import os
+import warnings
+
+import numpy as np
+import pytest
+
+from usbench.envs import frames
+from usbench.envs.bmode import Imaging
+from usbench.envs.frames import FrameStore, cache_folder, frame_store
+from usbench.envs.phantom import ObjectOfInterest, Phantom
+from usbench.envs.pose import Pose
+from usbench.envs.probe import LinearArray
+
+SCENE = (Phantom(), LinearArray(), Imaging())
+POSES = [Pose(x, 50, 0) for x in (-5, 0, 5)]
+
+
+def coded(phantom, pose, array, imaging):
+    """Stands in for `scan`: the frame tells what it was made of."""
+    value = (pose.x_mm + 20 + pose.focal_depth_mm + phantom.seed) % 256
+    return np.full((imaging.height_px, imaging.width_px), value, np.uint8)
+
+
+@pytest.fixture(autouse=True)
+def scans(monkeypatch, tmp_path):
+    """A cache of this test alone, and the list of what was simulated."""
+    calls = []
+
+    def scan(phantom, pose, array, imaging):
+        calls.append(pose)
+        return coded(phantom, pose, array, imaging)
+
+    monkeypatch.setenv("USBENCH_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(frames, "scan", scan)
+    return calls
+
+
+@pytest.fixture
+def kept():
+    """The file of a store whose frames are on disk."""
+    store = FrameStore(*SCENE)
+    store.prepare(POSES)
+    return store.path
+
+
+def check_simulated_again(scans, words):
+    """A new store distrusts the file, says so, and still serves the right frames."""
+    scans.clear()
+    store = FrameStore(*SCENE)
+    with pytest.warns(UserWarning, match=words):
+        store.prepare(POSES)
+    assert scans == POSES
+    for pose in POSES:
+        assert np.array_equal(store.frame(pose), coded(SCENE[0], pose, *SCENE[1:]))
+    scans.clear()
+    FrameStore(*SCENE).prepare(POSES)  # and the file is good again
+    assert not scans
+
+
+def test_frames_are_those_of_the_simulator_and_read_only(scans):
+    store = FrameStore(*SCENE)
+    frame = store.frame(POSES[0])
+    assert np.array_equal(frame, coded(SCENE[0], POSES[0], *SCENE[1:])) and frame.dtype == np.uint8
+    assert store.frame(Pose(-5, 50, 360)) is frame and scans == [POSES[0]]
+    with pytest.raises(ValueError, match="read-only"):
+        frame[0, 0] = 1
+
+
+def test_prepare_simulates_what_is_missing_and_tells_of_it(scans):
+    store, told = FrameStore(*SCENE), []
+    store.frame(POSES[1])
+    store.prepare(POSES + POSES, progress=lambda *numbers: told.append(numbers))
+    assert told == [(1, 2), (2, 2)] and len(scans) == 3
+    store.prepare(POSES, progress=lambda *numbers: told.append(numbers))
+    assert len(told) == 2 and len(scans) == 3
+
+
+def test_another_process_finds_them(kept, scans):
+    scans.clear()
+    store = FrameStore(*SCENE)
+    assert [int(store.frame(pose)[0, 0]) for pose in POSES] == [65, 70, 75]
+    assert not scans
+    with pytest.raises(ValueError, match="read-only"):
+        store.frame(POSES[0])[0, 0] = 1
+
+
+def test_what_is_new_joins_what_was_there(kept, scans):
+    FrameStore(*SCENE).prepare([Pose(10, 50, 0)])
+    scans.clear()
+    FrameStore(*SCENE).prepare([*POSES, Pose(10, 50, 0)])
+    assert not scans
+
+
+def test_the_process_shares_a_store():
+    assert frame_store(*SCENE) is frame_store(Phantom(), LinearArray(), Imaging())
+    assert frame_store(*SCENE) is not frame_store(Phantom(seed=1), LinearArray(), Imaging())
+
+
+def variations():
+    """The scene with one field changed at a time."""
+    changes = [
+        {"seed": 1},
+        {"object_of_interest": ObjectOfInterest(x_mm=1)},
+        {"object_of_interest": ObjectOfInterest(contrast=9.0)},
+    ]
+    changes += [
+        {name: getattr(SCENE[0], name) * 1.25}
+        for name in ("width_mm", "height_mm", "depth_mm", "tissue_density_per_mm3", "object_density_per_mm3")
+    ] + [{"tissue_amplitude_std": 2.0}]
+    for change in changes:
+        yield dataclasses.replace(SCENE[0], **change), *SCENE[1:]
+    for field in dataclasses.fields(LinearArray):
+        value = getattr(SCENE[1], field.name)
+        changed = value - 1 if isinstance(value, int) else value * (1 - 1e-9)
+        yield SCENE[0], dataclasses.replace(SCENE[1], **{field.name: changed}), SCENE[2]
+    for name, value in {
+        "dynamic_range_db": 59.999, "height_px": 91, "width_px": 41, "pixel_size": 1.0001e-3, "median_size": 3
+    }.items():  # fmt: skip
+        yield *SCENE[:2], dataclasses.replace(SCENE[2], **{name: value})
+
+
+def test_every_argument_is_in_the_key():
+    assert {field.name for field in dataclasses.fields(Imaging)} == {
+        "dynamic_range_db", "height_px", "width_px", "pixel_size", "median_size"
+    }  # fmt: skip
+    scenes = [SCENE, *variations()]
+    assert len({FrameStore(*scene).path for scene in scenes}) == len(scenes) == 28
+    assert FrameStore(*SCENE).path == FrameStore(Phantom(), LinearArray(), Imaging()).path
+
+
+def test_the_simulators_code_is_in_the_key(monkeypatch):
+    before = FrameStore(*SCENE).path
+    monkeypatch.setattr(frames, "_simulator", lambda: "another")
+    assert FrameStore(*SCENE).path != before
+
+
+def test_every_module_that_a_frame_depends_on_is_in_the_key():
+    # What the scanner imports, directly or not, computes a frame; the number of threads does not change it.
+    folder = frames.Path(frames.__file__).parent
+    needed, todo = set(), ["scanner"]
+    while todo:
+        name = todo.pop()
+        if name not in needed:
+            needed.add(name)
+            for line in (folder / f"{name}.py").read_text().splitlines():
+                if line.startswith("from usbench.envs."):
+                    todo.append(line.removeprefix("from usbench.envs.").split()[0])
+    assert set(frames._MODULES) | {"threads"} == needed
+
+
+def test_the_folder_can_be_set(monkeypatch, tmp_path):
+    monkeypatch.setenv("USBENCH_CACHE", str(tmp_path / "elsewhere"))
+    store = FrameStore(*SCENE)
+    store.prepare(POSES)
+    assert store.path.parent == tmp_path / "elsewhere" == cache_folder() and store.path.is_file()
+    monkeypatch.delenv("USBENCH_CACHE")
+    assert cache_folder().name == "usbench" and cache_folder().is_absolute()
+
+
+# Files that are not to be trusted
+
+
+@pytest.mark.parametrize("size", [0, 10, 1000, -1])
+def test_a_truncated_file(kept, scans, size):
+    data = kept.read_bytes()
+    kept.write_bytes(data[:size])
+    check_simulated_again(scans, "frames are simulated again, as .* cannot be used")
+
+
+def test_a_damaged_file(kept, scans):
+    data = bytearray(kept.read_bytes())
+    data[len(data) // 2] ^= 0xFF
+    kept.write_bytes(bytes(data))
+    check_simulated_again(scans, "cannot be used")
+
+
+@pytest.mark.parametrize("content", [b"not a frame", b"\x93NUMPY", b"PK\x03\x04"])
+def test_a_foreign_file(kept, scans, content):
+    kept.write_bytes(content)
+    check_simulated_again(scans, "cannot be used")
+
+
+def test_arrays_of_something_else(kept, scans):
+    np.savez(kept, images=np.zeros((3, 90, 40), np.uint8))
+    check_simulated_again(scans, "cannot be used")
+
+
+def test_a_wrong_checksum(kept, scans):
+    with np.load(kept) as file:
+        content = dict(file)
+    content["frames"] = content["frames"] + 1
+    np.savez(kept, **content)
+    check_simulated_again(scans, "its checksum is wrong")
+
+
+def test_a_good_file_of_another_scene_under_this_name(kept, scans):
+    other = FrameStore(Phantom(seed=7), *SCENE[1:])
+    other.prepare(POSES)
+    os.replace(other.path, kept)
+    check_simulated_again(scans, "its checksum is wrong")
+
+
+class Bomb:
+    """Makes a folder when it is unpickled."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return os.mkdir, (str(self.path),)
+
+
+def test_pickled_objects_are_not_opened(kept, scans, tmp_path):
+    bombs = np.array([Bomb(tmp_path / "exploded")], dtype=object)
+    np.savez(kept, poses=bombs, frames=bombs, checksum=bombs)
+    check_simulated_again(scans, "cannot be used")
+    assert not (tmp_path / "exploded").exists()
+
+
+def test_a_folder_in_the_place_of_the_file(kept, scans):
+    kept.unlink()
+    kept.mkdir()
+    store = FrameStore(*SCENE)
+    with pytest.warns(UserWarning) as caught:
+        store.prepare(POSES)
+    assert [str(warning.message).split(",")[0].split(":")[0] for warning in caught] == [
+        "frames are simulated again",
+        "frames are not kept on disk",
+    ]
+    assert store.frame(POSES[0])[0, 0] == 65
+
+
+def test_a_folder_that_cannot_be_written(monkeypatch, tmp_path, scans):
+    (tmp_path / "file").write_text("in the way")  # permissions would not stop root
+    monkeypatch.setenv("USBENCH_CACHE", str(tmp_path / "file" / "cache"))
+    store = FrameStore(*SCENE)
+    with pytest.warns(UserWarning, match="frames are not kept on disk"):
+        store.prepare(POSES)
+    assert scans == POSES and [int(store.frame(pose)[0, 0]) for pose in POSES] == [65, 70, 75]
+
+
+def test_a_full_disk_leaves_no_debris(monkeypatch, kept):
+    def full(_):
+        raise OSError(28, "No space left on device")
+
+    before = kept.read_bytes()
+    monkeypatch.setattr(frames.os, "fsync", full)
+    with pytest.warns(UserWarning, match="frames are not kept on disk: .*No space left"):
+        FrameStore(*SCENE).prepare([Pose(15, 50, 0)])
+    assert list(kept.parent.iterdir()) == [kept] and kept.read_bytes() == before
+
+
+# Several processes, and the size of the folder
+
+
+def _prepare(poses, barrier):
+    barrier.wait(30)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for _ in range(5):
+            FrameStore(*SCENE).prepare(poses)
+
+
+@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
+@pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="no fork on this platform")
+def test_processes_that_start_at_once(scans):
+    context = multiprocessing.get_context("fork")
+    barrier = context.Barrier(3)
+    groups = [[Pose(x, 50, angle) for x in range(-20, 21, 5)] for angle in (0, 15, 30)]
+    children = [context.Process(target=_prepare, args=(group, barrier)) for group in groups]
+    for child in children:
+        child.start()
+    for child in children:
+        child.join(60)
+    assert [child.exitcode for child in children] == [0, 0, 0]
+    store = FrameStore(*SCENE)
+    assert list(store.path.parent.iterdir()) == [store.path]  # one file, no debris
+    store.prepare(sum(groups, []))
+    for pose in groups[0]:
+        assert store.frame(pose)[0, 0] == (pose.x_mm + 70) % 256
+
+
+def test_the_folder_is_limited_and_what_was_used_last_stays(monkeypatch):
+    stores = [FrameStore(Phantom(seed=seed), *SCENE[1:]) for seed in range(4)]
+    for age, store in zip((400, 300, 200), stores[:3], strict=True):
+        store.prepare(POSES)
+        os.utime(store.path, times=(1e9 - age, 1e9 - age))
+    foreign = stores[0].path.with_name("notes.txt")
+    foreign.write_text("not ours")
+    FrameStore(Phantom(seed=0), *SCENE[1:]).frame(POSES[0])  # the oldest is read: now it is the newest
+    monkeypatch.setattr(frames, "MAX_CACHE_BYTES", int(2.5 * stores[0].path.stat().st_size))
+    stores[3].prepare(POSES)
+    assert [store.path.exists() for store in stores] == [True, False, False, True]
+    assert foreign.exists()
+
+
+def test_a_file_larger_than_the_limit_stays(monkeypatch, kept, scans):
+    monkeypatch.setattr(frames, "MAX_CACHE_BYTES", 1)
+    FrameStore(*SCENE).prepare([Pose(20, 50, 0)])
+    assert kept.exists()
+
+
+def test_digest_tells_frames_and_their_order_apart():
+    store = FrameStore(*SCENE)
+    digest = store.digest(POSES)
+    assert digest == FrameStore(*SCENE).digest(POSES) and len(digest) == 64
+    assert digest != store.digest(POSES[::-1]) and digest != store.digest(POSES[:2])
+    assert digest != FrameStore(Phantom(seed=1), *SCENE[1:]).digest(POSES)

@@ -1,0 +1,54 @@
+"""The table of responses: what it covers, and what theory says about the beam in it."""
+
+import numpy as np
+import pytest
+
+from usbench.envs.probe import LinearArray
+from usbench.envs.response import depth_grid, response_table
+
+ARRAY = LinearArray(n_elements=96, n_active=32)
+FOCUS = 30e-3
+
+
+@pytest.fixture(scope="module")
+def table():
+    return response_table(ARRAY, FOCUS, 40e-3, 90e-3)
+
+
+def energy(table, depth):
+    """Energy of the waveforms at the table's depth nearest to `depth`, (n_u,)."""
+    power = np.concatenate([[0.0], np.cumsum(table.real.astype(float) ** 2 + table.imag.astype(float) ** 2)])
+    first, _, length, _ = table.nodes[np.abs(table.depths - depth).argmin()].T
+    return power[first + length] - power[first]
+
+
+@pytest.mark.parametrize("focal_depth", [5e-3, 50e-3, 90e-3, 0.3])
+def test_depths_cover_the_scene_and_are_dense_at_the_focus(focal_depth):
+    depths = depth_grid(focal_depth, 90e-3)
+    steps = np.diff(depths)
+    assert depths[0] <= 0.5e-3 and depths[-1] > 90e-3 and (steps > 0).all() and steps.max() <= 1.001e-3
+    if focal_depth < 90e-3:
+        assert steps[np.abs(depths[:-1] - focal_depth).argmin()] == pytest.approx(0.4e-3, rel=0.3)
+
+
+def test_covers_the_scene(table):
+    assert (table.nodes.shape[1] - 2) * table.u_step >= 40e-3 - 1e-9
+    assert table.depths[-1] >= 90e-3
+    assert np.isfinite(table.real).all() and np.isfinite(table.imag).all() and np.isfinite(table.cells).all()
+
+
+def test_beam_is_narrowest_at_the_focus(table):
+    widths = {}
+    for depth in (15e-3, 30e-3, 60e-3):
+        profile = energy(table, depth)
+        widths[depth] = table.u_step * np.count_nonzero(profile >= profile[0] / 4)  # both ways: -6 dB
+        assert profile.argmax() * table.u_step < 1e-3
+    assert widths[30e-3] < widths[15e-3] and widths[30e-3] < widths[60e-3]
+
+
+def test_a_short_focus_keeps_the_table_small(table):
+    assert table.real.nbytes + table.imag.nbytes < 64 * 2**20
+
+
+def test_is_made_once():
+    assert response_table(ARRAY, FOCUS, 40e-3, 90e-3) is response_table(ARRAY, FOCUS, 40e-3, 90e-3)

@@ -1,0 +1,113 @@
+"""Frames from poses: where things show, and how frames follow the probe."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from usbench.envs.bmode import Imaging
+from usbench.envs.phantom import Phantom
+from usbench.envs.pose import Pose
+from usbench.envs.probe import LinearArray
+from usbench.envs.scanner import scan
+
+PHANTOM = Phantom()
+
+
+class Scene:
+    """Stands in for a phantom: the given scatterers are all that is in view."""
+
+    def __init__(self, positions):
+        self.positions = np.reshape(np.asarray(positions, float), (-1, 3))
+
+    def in_view(self, pose, half_width_m, half_thickness_m):
+        return pose.to_probe(self.positions), np.ones(len(self.positions))
+
+
+def correlation(a, b):
+    return float(np.corrcoef(a.ravel(), b.ravel())[0, 1])
+
+
+@pytest.fixture(scope="module")
+def frame():
+    return scan(PHANTOM, Pose())
+
+
+def test_shape_and_type(frame):
+    assert frame.shape == (90, 40) and frame.dtype == np.uint8
+    assert frame.max() > 127 and (frame == 0).mean() < 0.5
+    assert np.array_equal(frame, scan(Phantom(), Pose()))
+
+
+@pytest.mark.parametrize("depth_mm", [30, 50, 70])
+@pytest.mark.parametrize("x_mm", [0, 8])
+def test_a_point_shows_at_its_place(depth_mm, x_mm):
+    point = Scene([(x_mm * 1e-3, 0, depth_mm * 1e-3)])  # between two pixels
+    image = scan(point, Pose(0, depth_mm, 0), imaging=Imaging(median_size=1))
+    row, column = np.unravel_index(image.argmax(), image.shape)
+    assert row in (depth_mm - 1, depth_mm) and column in (x_mm + 19, x_mm + 20)
+
+
+def test_a_point_shows_at_its_place_through_the_median():
+    image = scan(Scene([(0, 0, 50e-3)]), Pose(0, 50, 0))
+    rows, columns = np.nonzero(image == image.max())
+    assert image.max() > 0 and 49 <= rows.mean() + 0.5 <= 51 and 19 <= columns.mean() + 0.5 <= 21
+
+
+def test_moving_the_probe_moves_a_point_the_other_way():
+    point = Scene([(3e-3, 0, 50e-3)])
+    columns = [scan(point, Pose(x, 50, 0))[45:55].max(axis=0).argmax() for x in (-10, 0, 10)]
+    assert np.diff(columns) == pytest.approx([-10, -10], abs=1)
+
+
+def test_every_coordinate_of_the_pose_counts(frame):
+    for pose in (Pose(5, 50, 0), Pose(0, 45, 0), Pose(0, 50, 15)):
+        difference = frame.astype(int) - scan(PHANTOM, pose)
+        assert np.abs(difference).mean() > 3
+
+
+@pytest.mark.parametrize("x_mm", [5, -5])
+def test_speckle_moves_with_the_tissue(frame, x_mm):
+    moved = scan(PHANTOM, Pose(x_mm, 50, 0))
+    middle = np.arange(10, 30)  # 10 mm from the edges, behind which nothing is simulated
+    assert correlation(frame[:, middle], moved[:, middle - x_mm]) >= 0.9
+    # Not just the depth profile or the object: tissue beside and below it alone, and nowhere else.
+    rows = slice(68, 88)
+    shifts = np.arange(-8, 9)
+    fits = [correlation(frame[rows, middle], moved[rows, middle - shift]) for shift in shifts]
+    assert shifts[int(np.argmax(fits))] == x_mm and max(fits) >= 0.8
+
+
+def test_half_a_turn_mirrors_the_frame(frame):
+    turned = scan(PHANTOM, Pose(0, 50, 180))
+    difference = np.abs(frame.astype(int) - turned[:, ::-1])
+    assert difference.max() <= 3 and difference.mean() < 0.2
+
+
+def test_the_object_is_bright_where_it_is(frame):
+    z, x = np.meshgrid(np.arange(90) + 0.5, np.arange(40) - 19.5, indexing="ij")
+    inside = np.hypot(x, z - 50) < 9
+    beside = (np.abs(x) > 16) & (np.abs(z - 50) < 9)
+    assert frame[inside].mean() > frame[beside].mean() + 255 * 10 / 60  # by more than 10 of the 20 dB
+
+
+def test_array_and_imaging_count(frame):
+    for array, imaging in (
+        (dataclasses.replace(LinearArray(), n_active=32), Imaging()),
+        (LinearArray(), Imaging(dynamic_range_db=40.0)),
+    ):
+        assert not np.array_equal(frame, scan(PHANTOM, Pose(), array, imaging))
+    image = scan(PHANTOM, Pose(), imaging=Imaging(height_px=60, width_px=20, pixel_size=0.5e-3))
+    assert image.shape == (60, 20)
+
+
+def test_nothing_in_view_is_black():
+    assert not scan(Scene([]), Pose()).any()
+    empty = Phantom(tissue_density_per_mm3=0.0, object_density_per_mm3=0.0)
+    assert not scan(empty, Pose()).any()
+
+
+def test_same_bytes_for_any_number_of_threads(frame, monkeypatch):
+    for n in ("1", "2", "3"):
+        monkeypatch.setenv("USBENCH_THREADS", n)
+        assert np.array_equal(scan(PHANTOM, Pose()), frame)
