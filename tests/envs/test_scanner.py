@@ -39,7 +39,7 @@ def test_shape_and_type(frame):
     assert np.array_equal(frame, scan(Phantom(), Pose()))
 
 
-@pytest.mark.parametrize("depth_mm", [30, 50, 70])
+@pytest.mark.parametrize("depth_mm", [30, 50])
 @pytest.mark.parametrize("x_mm", [0, 8])
 def test_a_point_shows_at_its_place(depth_mm, x_mm):
     point = Scene([(x_mm * 1e-3, 0, depth_mm * 1e-3)])  # between two pixels
