@@ -98,6 +98,7 @@ RANGES: dict[str, Boolean | Whole | Number] = {
     "n_value_steps": Whole(1, 10_000),
     "gamma": Number(0.0, 1.0, above=True),
     "gae_lambda": Number(0.0, 1.0),
+    "initial_value": Number(-1e9, 1e9),
 }
 
 

@@ -47,6 +47,12 @@ class VPG(OnPolicyAlgorithm):
     which also move the running ones. These average about the last ten rollouts for the policy (momentum 0.1),
     more than one rollout's accidents and less than ten policy steps of 1e-4 change the weights.
 
+    Initial value: where truncated episodes are bootstrapped, V has no horizon, yet it starts near 0, as if
+    nothing came after an episode. Until it has found its level, over tens of updates, advantages tell how
+    many steps were left, which no observation shows, rather than which action was good, and the policy
+    follows them into a corner. `initial_value`, added to V's output, starts it where it belongs: at about
+    r / (1 - gamma) for the reward r per step of the policy at the start.
+
     Args:
         policy: "CnnPolicy" (two convolutional trunks), "MlpPolicy", or a class derived from `SeparatePolicy`.
         env: the environment or its Gymnasium id.
@@ -56,6 +62,7 @@ class VPG(OnPolicyAlgorithm):
         gamma: discount factor, in (0, 1].
         gae_lambda: lambda of the advantages, in [0, 1].
         n_value_steps: value steps per update, at least 1; Spinning Up takes 80.
+        initial_value: what V starts from, finite.
         rollout_buffer_class: the rollout's class, `RewardToGoBuffer` where None.
         rollout_buffer_kwargs: its further arguments.
         stats_window_size: episodes over which the logged means go.
@@ -86,7 +93,8 @@ class VPG(OnPolicyAlgorithm):
         n_steps: int = 64,
         gamma: float = 0.99,
         gae_lambda: float = 0.97,
-        n_value_steps: int = 8,
+        n_value_steps: int = 3,
+        initial_value: float = 0.0,
         rollout_buffer_class: type[RolloutBuffer] | None = None,
         rollout_buffer_kwargs: dict[str, Any] | None = None,
         stats_window_size: int = 100,
@@ -124,12 +132,13 @@ class VPG(OnPolicyAlgorithm):
         )
         self.value_learning_rate = value_learning_rate
         self.n_value_steps = n_value_steps
+        self.initial_value = initial_value
         if _init_setup_model:
             self._setup_model()
 
     def _setup_model(self) -> None:
         # Here and not in the constructor, so that what `load` is given is checked too.
-        for name in ("n_steps", "gamma", "gae_lambda", "n_value_steps"):
+        for name in ("n_steps", "gamma", "gae_lambda", "n_value_steps", "initial_value"):
             setattr(self, name, check(name, getattr(self, name)))
         for name in ("learning_rate", "value_learning_rate"):
             if not callable(getattr(self, name)):
@@ -137,6 +146,8 @@ class VPG(OnPolicyAlgorithm):
         super()._setup_model()
         if not isinstance(self.policy, SeparatePolicy):
             raise TypeError(f"policy must be derived from SeparatePolicy, not {type(self.policy).__name__}.")
+        with torch.no_grad():
+            self.policy.value_net.bias += self.initial_value
         self.value_lr_schedule = FloatSchedule(self.value_learning_rate)
         self.policy.optimizer = self._optimizer(self.policy.policy_parameters(), self.lr_schedule(1))
         self.policy.value_optimizer = self._optimizer(

@@ -109,20 +109,46 @@ def one_way(
 
 
 @numba.njit(fastmath=FAST_MATH, nogil=True, error_model="numpy", cache=True)
-def fill_responses(
-    u, depths, focal_depth, offset, shift, apodization, pitch, width, speed_of_sound, frequencies,
-    elevation_real, elevation_imag, distance_step, spectra, turns,
-):  # fmt: skip
-    """Compute two-way responses on a grid, and how their phase advances when the aperture shifts.
+def mean_distance(u, z, focal_depth, offset, apodization, pitch, width, speed_of_sound, frequency):
+    """Return the distance from the point to the elements that it is heard through, at one frequency, in m.
 
-    Args as for `one_way`, over u (n_u,) and depths (n_depths,); `shift` of the aperture in m; `spectra`
-    (n_depths, n_u, n_frequencies) and `turns` (n_depths, n_u) receive the results.
+    The elements' distances r_n weighted with their contributions h_n, Re(sum r_n h_n / sum h_n), within the
+    range of r_n. Args as for `one_way`.
+    """
+    n_active = apodization.shape[0]
+    total, first_moment = 0j, 0j
+    nearest, farthest = 1e9, 0.0
+    for n in range(n_active):
+        element = (n - (n_active - 1) * 0.5) * pitch - offset
+        dx = u - element
+        r = math.sqrt(dx * dx + z * z)
+        path = r - math.sqrt(focal_depth**2 + element * element)
+        a = math.pi * width * abs(dx) / (r * speed_of_sound) * frequency + 1e-15
+        angle = -2.0 * math.pi * frequency / speed_of_sound * path
+        heard = apodization[n] / r * math.sin(a) / a * complex(math.cos(angle), math.sin(angle))
+        total += heard
+        first_moment += r * heard
+        nearest, farthest = min(nearest, r), max(farthest, r)
+    mean = (first_moment * total.conjugate()).real / (total.real**2 + total.imag**2 + 1e-30)
+    return min(max(mean, nearest), farthest)
+
+
+@numba.njit(fastmath=FAST_MATH, nogil=True, error_model="numpy", cache=True)
+def fill_responses(
+    u, depths, focal_depth, offset, apodization, pitch, width, speed_of_sound, frequencies, elevation_real,
+    elevation_imag, distance_step, probe_steps, spectra, turns, distances,
+):  # fmt: skip
+    """Compute two-way responses on a grid, and how their phase advances with u, z and the aperture's offset.
+
+    Args as for `one_way`, over u (n_u,) and depths (n_depths,); `probe_steps` (3,) m are small steps of u, z
+    and offset; `spectra` (n_depths, n_u, n_frequencies) and `turns` (n_depths, n_u, 3), the phase's advance
+    over each of them, and `distances` (n_depths, n_u) m receive the results.
     """
     n_frequencies = frequencies.shape[0]
     step = frequencies[1] - frequencies[0]
     first = n_frequencies // 2 - LANES // 2
     real, imag = np.empty(n_frequencies, np.float32), np.empty(n_frequencies, np.float32)
-    real_shifted, imag_shifted = np.empty(LANES, np.float32), np.empty(LANES, np.float32)
+    real_near, imag_near = np.empty(LANES, np.float32), np.empty(LANES, np.float32)
     lane_real, lane_imag = np.empty(LANES, np.float32), np.empty(LANES, np.float32)
     for i in range(depths.shape[0]):
         for j in range(u.shape[0]):
@@ -133,15 +159,22 @@ def fill_responses(
             )  # fmt: skip
             for k in range(n_frequencies):
                 spectra[i, j, k] = complex(real[k] * real[k] - imag[k] * imag[k], 2 * real[k] * imag[k])
-            one_way(
-                u[j], depths[i], focal_depth, offset + shift, apodization, pitch, width, speed_of_sound,
-                frequencies[first], step, elevation_real[:, first:], elevation_imag[:, first:], distance_step,
-                real_shifted, imag_shifted, lane_real, lane_imag,
+            distances[i, j] = mean_distance(
+                u[j], depths[i], focal_depth, offset, apodization, pitch, width, speed_of_sound,
+                frequencies[n_frequencies // 2],
             )  # fmt: skip
-            cosine, sine = 0.0, 0.0
-            for k in range(LANES):
-                shifted = complex(real_shifted[k], imag_shifted[k])
-                advance = shifted * shifted * spectra[i, j, first + k].conjugate()
-                cosine += advance.real
-                sine += advance.imag
-            turns[i, j] = np.arctan2(sine, cosine) / (2 * np.pi)
+            for axis in range(3):
+                one_way(
+                    u[j] + (probe_steps[0] if axis == 0 else 0.0),
+                    depths[i] + (probe_steps[1] if axis == 1 else 0.0),
+                    focal_depth, offset + (probe_steps[2] if axis == 2 else 0.0), apodization, pitch, width,
+                    speed_of_sound, frequencies[first], step, elevation_real[:, first:],
+                    elevation_imag[:, first:], distance_step, real_near, imag_near, lane_real, lane_imag,
+                )  # fmt: skip
+                cosine, sine = 0.0, 0.0
+                for k in range(LANES):
+                    near = complex(real_near[k], imag_near[k])
+                    advance = near * near * spectra[i, j, first + k].conjugate()
+                    cosine += advance.real
+                    sine += advance.imag
+                turns[i, j, axis] = np.arctan2(sine, cosine) / (2 * np.pi)

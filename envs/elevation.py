@@ -2,7 +2,7 @@
 
 rho is the distance from an element's centre in the plane of the array. The element is divided into
 `n_elevation` rectangles in their far field, as Field II does (Jensen and Svendsen 1992); there is no
-elevation focus. Off the plane, the two-way factor (E(y) / E(0))^2 is written as a delay and three taps at the
+elevation focus. Off the plane, the two-way factor (E(y) / E(0))^2 is written as a delay and a few taps at the
 I/Q rate: it is a short filter, and as a plain number it would cost a percent of correlation.
 """
 
@@ -16,11 +16,12 @@ import numpy.typing as npt
 
 from usbench.envs.probe import LinearArray
 
-N_TAPS = 3
-_TAP_OFFSETS = np.array([-1, 0, 1])
+N_TAPS = 5
+_TAP_OFFSETS = np.arange(N_TAPS) - N_TAPS // 2
 _Y_STEP = 12.5e-6  # so fine that the nearest row will do
 _REFINEMENT = 4  # rows are computed at every fourth step and interpolated between
 _DISTANCE_STEP = 0.25e-3
+_LEAST_DISTANCE = 0.75e-3  # nearer than an element's size the ratio has poles, and no model here holds
 
 
 def elevation_factor(
@@ -66,9 +67,8 @@ class ElevationTaps:
 def elevation_taps(array: LinearArray, y_max: float, distance_max: float) -> ElevationTaps:
     """Fit the taps for |y| <= `y_max` and rho <= `distance_max` (m), weighted by the pulse's spectrum."""
     y_grid = np.arange(0.0, y_max + 2 * _Y_STEP * _REFINEMENT, _Y_STEP * _REFINEMENT)
-    distances = np.maximum(
-        np.arange(0.0, distance_max + 2 * _DISTANCE_STEP, _DISTANCE_STEP), _DISTANCE_STEP / 2
-    )
+    distances = np.arange(0.0, distance_max + 2 * _DISTANCE_STEP, _DISTANCE_STEP)
+    distances = np.maximum(distances, _LEAST_DISTANCE)
     f0, rate = array.center_frequency, array.iq_sampling_frequency
     frequencies = np.linspace(f0 - 0.35 * rate, f0 + 0.35 * rate, 16)
     weight = np.abs(array.pulse_spectrum(frequencies))

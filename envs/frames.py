@@ -81,6 +81,7 @@ class FrameStore:
         """Simulate what is missing of `poses` and keep it on disk; `progress(done, total)` after each."""
         self._load()
         missing = [pose for pose in dict.fromkeys(poses) if pose not in self._frames]
+        missing.sort(key=lambda pose: pose.focal_depth_mm)  # the simulator holds tables of some depths only
         for done, pose in enumerate(missing, start=1):
             self.frame(pose)
             if progress is not None:

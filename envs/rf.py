@@ -19,7 +19,7 @@ from scipy import fft
 
 from usbench.envs.elevation import ElevationTaps, elevation_taps
 from usbench.envs.probe import LinearArray
-from usbench.envs.response import BLOCK, ResponseTable, response_table
+from usbench.envs.response import BLOCK, ResponseTable, offset_classes, response_table
 from usbench.envs.summation import N_PHASES, accumulate, delay_filters, merge
 from usbench.envs.threads import n_threads
 
@@ -86,8 +86,14 @@ def simulate_iq(
     points, weights, lines = _checked(positions, amplitudes, array, focal_depth, line_positions)
     rate, c = array.iq_sampling_frequency, array.speed_of_sound
     reach = np.abs(points).max(axis=0, initial=0.0)
-    u_max = reach[0] + np.abs(lines).max(initial=0.0)
-    duration = 2.0 * float(np.linalg.norm([u_max, *reach[1:]]) if max_depth is None else max_depth) / c
+    u_max = (
+        float(max(points[:, 0].max() - lines.min(), lines.max() - points[:, 0].min())) if len(points) else 0.0
+    )
+    if max_depth is None:  # the farthest point, seen by the elements that fire or hear last
+        late = array.n_active * array.pitch
+        duration = (2.0 * float(np.linalg.norm([u_max, *reach[1:]])) + late) / c
+    else:
+        duration = 2.0 * max_depth / c
     n_samples = math.ceil((duration + 2.0 * array.pulse_delay) * rate / 2) * 2 + 2
 
     order = np.argsort(points[:, 2], kind="stable")
@@ -98,20 +104,19 @@ def simulate_iq(
         u_limit = 40e-3 * math.ceil(u_max / 40e-3 - 1e-9)
         z_limit = 90e-3 * math.ceil(reach[2] / 90e-3 - 1e-9)
         y_limit = 5e-3 * max(1, math.ceil(reach[1] / 5e-3 - 1e-9))
-        taps = elevation_taps(array, y_limit, math.hypot(u_limit, z_limit) + 1e-3)
+        taps = elevation_taps(array, y_limit, math.hypot(u_limit + array.n_active * array.pitch, z_limit))
         offsets = lines - array.aperture_centers(lines)
-        regular = np.abs(offsets) <= array.pitch / 2 * (1 + 1e-9)
-        table = response_table(array, focal_depth, u_limit, z_limit)
-        iq[regular] = _sum(points, weights, table, taps, array, lines[regular], offsets[regular], n_samples)
-        for i in np.flatnonzero(
-            ~regular
-        ):  # the array has ended: a table of its own for either side of the line
-            for side in (1.0, -1.0):
-                seen = side * (points[:, 0] - lines[i]) >= 0
-                table = response_table(array, focal_depth, u_limit, z_limit, side * float(offsets[i]))
-                mirrored = points[seen] * [side, 1.0, 1.0]
-                line = side * lines[i : i + 1]
-                iq[i] += _sum(mirrored, weights[seen], table, taps, array, line, np.zeros(1), n_samples)[0]
+        classes = offset_classes(array, focal_depth, offsets)
+        for offset in np.unique(classes):
+            of_class = np.flatnonzero(classes == offset)
+            # With the line in the middle of its aperture the response is symmetric.
+            for side in (1.0, -1.0) if offset else (0.0,):
+                mirror = side or 1.0
+                table = response_table(array, focal_depth, u_limit, z_limit, mirror * float(offset))
+                iq[of_class] += _sum(
+                    points * [mirror, 1.0, 1.0], weights, table, taps, array, mirror * lines[of_class],
+                    mirror * (offsets[of_class] - offset), side != 0.0, n_samples,
+                )  # fmt: skip
     return np.ascontiguousarray(iq.T), np.arange(n_samples) / rate
 
 
@@ -156,9 +161,14 @@ def _sum(
     array: LinearArray,
     lines: npt.NDArray[np.float64],
     offsets: npt.NDArray[np.float64],
+    one_sided: bool,
     n_samples: int,
 ) -> npt.NDArray[np.complex64]:
-    """Add up the scatterers, sorted by depth, for every line, (n_lines, n_samples)."""
+    """Add up the scatterers, sorted by depth, for every line, (n_lines, n_samples).
+
+    `offsets` (n_lines,) m are those that the table does not have yet; if `one_sided`, scatterers left of the
+    line are left out.
+    """
     x, y, z = (np.ascontiguousarray(column) for column in points.T)
     row = np.searchsorted(table.depths, z, side="right") - 1
     row = np.clip(row, 0, len(table.depths) - 2)
@@ -179,7 +189,7 @@ def _sum(
                 table.cells, taps.taps, taps.path, lines[part], 2.0 / array.pitch * offsets[part],
                 1.0 / table.u_step, 1.0 / taps.distance_step, N_PHASES * rate / c,
                 N_PHASES * (array.pulse_delay * rate + margin) + 0.5, array.center_frequency / c,
-                n_total, wave_length, sums_real.reshape(-1), sums_imag.reshape(-1),
+                n_total, wave_length, one_sided, sums_real.reshape(-1), sums_imag.reshape(-1),
             )  # fmt: skip
             merge(sums_real, sums_imag, fir, margin, iq[part])
 

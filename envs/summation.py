@@ -13,7 +13,6 @@ import numpy as np
 import numpy.typing as npt
 
 from usbench.envs.aperture import FAST_MATH
-from usbench.envs.elevation import N_TAPS
 from usbench.envs.response import BLOCK
 from usbench.envs.vector import add_product
 
@@ -22,23 +21,26 @@ N_PHASES = 1 << PHASE_BITS  # a delay is rounded to this part of an I/Q sample
 _N_FIR = 16
 _SLAB = 16  # scatterers that all lines take before the next: neighbours in depth share rows of the tables
 _FAR = 1 << 20
+_SILENT_TAP = np.float32(2e-3)
 
 
 @numba.njit(fastmath=FAST_MATH, nogil=True, error_model="numpy", cache=True)
 def accumulate(
     x, z, y_row, row, fraction, weights, table_real, table_imag, nodes, cells, taps, path, lines, order_turns,
-    columns_per_m, distances_per_m, ticks_per_m, ticks_at_zero, turns_per_m, n_total, wave_length,
+    columns_per_m, distances_per_m, ticks_per_m, ticks_at_zero, turns_per_m, n_total, wave_length, one_sided,
     sums_real, sums_imag,
 ):  # fmt: skip
     """Add every scatterer's waveform to the sums, each (n_lines, N_PHASES, n_total) laid out flat."""
-    n_u, n_wave = nodes.shape[1], wave_length
+    n_u, n_wave, n_taps = nodes.shape[1], wave_length, taps.shape[3]
     wave_real, wave_imag = np.zeros(_SLAB * n_wave, np.float32), np.zeros(_SLAB * n_wave, np.float32)
     lengths, targets = np.zeros(_SLAB, np.int64), np.zeros(_SLAB, np.int64)
-    weight = np.zeros((_SLAB, 2 * N_TAPS), np.float32)
+    weight = np.zeros((_SLAB, n_taps, 2), np.float32)
     for slab in range(0, x.shape[0], _SLAB):
         for line in range(lines.shape[0]):
             n_waves = 0
             for s in range(slab, min(slab + _SLAB, x.shape[0])):
+                if one_sided and x[s] < lines[line]:
+                    continue
                 u = abs(x[s] - lines[line])
                 q = u * columns_per_m
                 column, i = int(q), row[s]
@@ -51,7 +53,7 @@ def accumulate(
 
                 # Arrival: geometric delay in the plane, and what elevation adds.
                 rho = math.sqrt(u * u + z[s] * z[s])
-                r = rho * distances_per_m
+                r = (rho + cells[i, column, 6]) * distances_per_m
                 k, iy = int(r), y_row[s]
                 wr = np.float32(r - k)
                 vr = np.float32(1) - wr
@@ -84,7 +86,7 @@ def accumulate(
                     max(s2 + n2 if n2 else -_FAR, s3 + n3 if n3 else -_FAR),
                 )
                 length = high - low
-                target = (tick >> PHASE_BITS) + low - 1
+                target = (tick >> PHASE_BITS) + low - n_taps // 2
                 if target < 0 or target + length + BLOCK > n_total:
                     continue
                 wave = n_waves * n_wave
@@ -100,18 +102,18 @@ def accumulate(
                      wu * wz * c_uz, wu * wz * d_uz)  # fmt: skip
                 lengths[n_waves] = length + BLOCK
                 targets[n_waves] = (line * N_PHASES + (tick & (N_PHASES - 1))) * n_total + target
-                for tap in range(N_TAPS):
-                    weight[n_waves, tap] = vr * taps[iy, k, 0, tap] + wr * taps[iy, k + 1, 0, tap]
-                    weight[n_waves, N_TAPS + tap] = vr * taps[iy, k, 1, tap] + wr * taps[iy, k + 1, 1, tap]
+                for tap in range(n_taps):
+                    weight[n_waves, tap, 0] = vr * taps[iy, k, 0, tap] + wr * taps[iy, k + 1, 0, tap]
+                    weight[n_waves, tap, 1] = vr * taps[iy, k, 1, tap] + wr * taps[iy, k + 1, 1, tap]
                 n_waves += 1
 
             # Apart from the loop above, as a processor stalls where it reads what it has only just written.
             for w in range(n_waves):
-                for tap in range(N_TAPS):
-                    _add(
-                        sums_real, sums_imag, targets[w], wave_real, wave_imag, w * n_wave + BLOCK - tap,
-                        lengths[w], weight[w, tap], weight[w, N_TAPS + tap],
-                    )  # fmt: skip
+                for tap in range(n_taps):
+                    a, b = weight[w, tap, 0], weight[w, tap, 1]
+                    if abs(a) + abs(b) > _SILENT_TAP:
+                        first = w * n_wave + BLOCK - tap
+                        _add(sums_real, sums_imag, targets[w], wave_real, wave_imag, first, lengths[w], a, b)
 
 
 @numba.njit(nogil=True, error_model="numpy", forceinline=True)

@@ -120,7 +120,7 @@ def test_interruption_is_status_130_and_keeps_the_state(capsys, tmp_path, quick,
 def test_list_shows_tasks_algorithms_and_defaults(capsys):
     assert cli.main(["list"]) == 0
     shown = capsys.readouterr().out
-    for word in ("usbench/FocalPoint-v0", "16064", "vpg", "oracle", "n_value_steps=8", "spinup"):
+    for word in ("usbench/FocalPoint-v0", "16064", "vpg", "oracle", "n_value_steps=3", "spinup"):
         assert word in shown
 
 

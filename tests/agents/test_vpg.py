@@ -262,6 +262,15 @@ def test_same_seed_same_bits() -> None:
     assert not torch.equal(flat(models[0]), flat(models[2]))
 
 
+def test_values_start_from_initial_value() -> None:
+    images = torch.zeros(4, 8, 8, 1)
+    low, high = (
+        VPG("CnnPolicy", Signs(), seed=0, initial_value=value).policy.predict_values(images)
+        for value in (-130.0, 0.0)
+    )
+    torch.testing.assert_close(low, high - 130.0)
+
+
 def test_save_and_load_give_the_same_actions(tmp_path: Path) -> None:
     model = VPG("CnnPolicy", Signs(), n_steps=16, gamma=0.9, n_value_steps=2, seed=0).learn(64)
     model.save(tmp_path / "model.zip")
@@ -287,7 +296,7 @@ def test_continuing_after_load_equals_going_on() -> None:
     parts = VPG.load(file, env=Signs(n_steps=16))
     for model in (whole, parts):
         for optimizer in (model.policy.optimizer, model.policy.value_optimizer):
-            assert {int(state["step"]) for state in optimizer.state.values()} <= {2, 16}
+            assert {int(state["step"]) for state in optimizer.state.values()} <= {2, 2 * whole.n_value_steps}
         model.set_random_seed(7)
         model._last_obs = None
         model.learn(32, reset_num_timesteps=False)
@@ -340,6 +349,7 @@ def test_logger_callbacks_and_tensorboard(tmp_path: Path) -> None:
         ("n_steps", 64.0, TypeError, "n_steps"),
         ("n_value_steps", 0, ValueError, "n_value_steps"),
         ("n_value_steps", None, TypeError, "n_value_steps"),
+        ("initial_value", float("inf"), ValueError, "initial_value"),
     ],
 )
 def test_refuses(name: str, value: object, error: type[Exception], words: str) -> None:

@@ -59,7 +59,8 @@ def test_table_holds_the_papers_hyperparameters() -> None:
         "n_steps": 64,
         "gamma": 0.99,
         "gae_lambda": 0.97,
-        "n_value_steps": 8,
+        "n_value_steps": 3,
+        "initial_value": -130.0,
     }
     assert zoo.hyperparameters("vpg", "fp", {})["gae_lambda"] == 0.95
     assert zoo.hyperparameters("vpg", "pp", {}, preset="spinup")["n_value_steps"] == 80

@@ -1,0 +1,185 @@
+"""Accuracy and speed of the simulator, as a table: `make bench-sim`.
+
+The accuracy is that against RF of an independent code (esdiva 0.3.0, the Field II method), which lies beside
+the repository in ../shared/reference and is not part of it; without it these rows are left out.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import resource
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from rich.console import Console
+from rich.table import Table
+
+from usbench.envs.bmode import DEFAULT_IMAGING, envelope, log_compress
+from usbench.envs.focal_point import FOCAL_POINT
+from usbench.envs.frames import FrameStore
+from usbench.envs.phantom import Phantom
+from usbench.envs.pose import Pose
+from usbench.envs.probe import DEFAULT_ARRAY
+from usbench.envs.probe_plane import PROBE_PLANE
+from usbench.envs.response import response_table
+from usbench.envs.rf import simulate_iq, simulate_rf
+from usbench.envs.scanner import scan
+
+REFERENCE = Path(__file__).parents[2] / "shared" / "reference" / "rf_reference.npz"
+Row = tuple[str, str, str]
+Floats = npt.NDArray[np.float64]
+
+
+def correlation(a: Floats, b: Floats) -> float:
+    """Return the normalised correlation of two signals of the same shape."""
+    return float((a * b).sum() / np.sqrt(np.square(a).sum() * np.square(b).sum()))
+
+
+def accuracy() -> Iterator[Row]:
+    """Compare RF, single points and images with the reference."""
+    data = np.load(REFERENCE)
+    for i, (focus, asked, asked_line) in enumerate(((50, 0.998, 0.98), (20, 0.996, 0.97))):
+        rf, time_s = simulate_rf(
+            data["points"], data["amplitudes"], DEFAULT_ARRAY, focus * 1e-3, data["x_lines"]
+        )
+        ours = rf[:3200].astype(np.float64)
+        theirs = data["rf_fst"][i, :, : len(ours)].T.astype(np.float64)
+        lines = [correlation(a, b) for a, b in zip(ours.T, theirs.T, strict=True)]
+        energy = np.square(theirs).sum(axis=0)
+        loud = energy >= 0.01 * energy.mean()
+        yield f"RF correlation, focus {focus} mm, whole frame", f"{correlation(ours, theirs):.5f}", f"{asked}"
+        worst = min(np.array(lines)[loud])
+        yield (
+            f"RF correlation, focus {focus} mm, worst of {loud.sum()} lines",
+            f"{worst:.4f}",
+            f"{asked_line}",
+        )
+
+        images = [log_compress(envelope(signals), 60.0) for signals in (ours, theirs)]
+        seen = images[1] > 20.0
+        rms = float(np.sqrt(np.square(images[0] - images[1])[seen].mean()))
+        yield f"60 dB image, focus {focus} mm, rms above -40 dB", f"{rms:.2f} dB", "at most 1 dB"
+        yield from points(data, i, focus, float(np.sqrt(np.square(theirs).sum() / np.square(ours).sum())))
+
+
+def points(data: npt.NDArray[np.float64], i: int, focus: int, gain: float) -> Iterator[Row]:
+    """Compare single points within 30 dB of the strongest at their depth; all others are only counted."""
+    correlations, errors_db, n = [], [], 0
+    peaks = np.abs(data["pt_rf"][i]).max(axis=-1)
+    for iz, ix, iy in np.ndindex(*peaks.shape):
+        n += 1
+        if peaks[iz, ix, iy] < peaks[iz].max() * 10 ** (-30 / 20):
+            continue
+        position = [[data["pt_x"][ix], data["pt_y"][iy], data["pt_z"][iz]]]
+        rf, time_s = simulate_rf(position, [gain], DEFAULT_ARRAY, focus * 1e-3, [0.0])
+        first = round(float(data["pt_t0"][i, iz, ix, iy]) * DEFAULT_ARRAY.rf_sampling_frequency)
+        ours = np.zeros(1600)
+        part = rf[first : first + 1600, 0]
+        ours[: len(part)] = part
+        theirs = data["pt_rf"][i, iz, ix, iy].astype(np.float64)
+        correlations.append(correlation(ours, theirs))
+        errors_db.append(abs(20 * np.log10(np.abs(ours).max() / np.abs(theirs).max())))
+    what = f"{len(correlations)} of {n} points within 30 dB, focus {focus} mm"
+    yield f"{what}: least correlation", f"{min(correlations):.4f}", "0.97"
+    yield f"{what}: largest gain error", f"{max(errors_db):.2f} dB", "at most 1 dB"
+
+
+def median_seconds(work: Callable[[], object], n: int) -> float:
+    """Return the median wall time of `n` calls."""
+    seconds = []
+    for _ in range(n):
+        start = time.perf_counter()
+        work()
+        seconds.append(time.perf_counter() - start)
+    return statistics.median(seconds)
+
+
+def speed(n: int) -> Iterator[Row]:
+    """Time frames of the default phantom, table warm, and the first frame at a new focal depth."""
+    phantom = Phantom()
+    phantom.in_view(Pose())
+    scan(phantom, Pose(0, 45))
+    rates, first = {}, {}
+    for depth in range(5, 95, 5):
+        pose = Pose(0, depth)
+        start = time.perf_counter()
+        scan(phantom, pose)
+        first[depth] = time.perf_counter() - start
+        rates[depth] = 1 / median_seconds(lambda pose=pose: scan(phantom, pose), n)  # type: ignore[misc]
+    slowest = min(rates, key=lambda depth: rates[depth])
+    yield "frames per second, pose to pixels, focus 50 mm", f"{rates[50]:.0f}", "150"
+    yield f"frames per second, slowest focal depth ({slowest} mm)", f"{rates[slowest]:.0f}", "75"
+    yield "first frame at a new focal depth, worst of 17", f"{max(first.values()):.2f} s", "at most 2.5 s"
+
+
+def scaling() -> Iterator[Row]:
+    """Time 1 and 10 times the scatterers of the default view."""
+    positions, amplitudes = Phantom().in_view(Pose())
+    rng = np.random.default_rng(0)
+    many = np.tile(positions, (10, 1)) + rng.uniform(-2e-4, 2e-4, (10 * len(positions), 3))
+    many[:, 2] = np.abs(many[:, 2]) + 1e-6
+    one = median_seconds(lambda: simulate_iq(positions, amplitudes, DEFAULT_ARRAY, 0.05), 15)
+    ten = median_seconds(lambda: simulate_iq(many, np.tile(amplitudes, 10), DEFAULT_ARRAY, 0.05), 5)
+    yield "time of 10 times the scatterers over that of one", f"{ten / one:.1f}", "at most 11"
+
+
+def all_frames() -> None:
+    """Simulate all frames of both tasks and print seconds for PP, for both, and the peak memory in MB."""
+    response_table.cache_clear()
+    store = FrameStore(Phantom(), DEFAULT_ARRAY, DEFAULT_IMAGING)
+    start = time.perf_counter()
+    store.prepare(PROBE_PLANE.states)
+    probe_plane = time.perf_counter() - start
+    store.prepare(FOCAL_POINT.states)
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    print(probe_plane, time.perf_counter() - start, peak)
+
+
+def from_nothing() -> Iterator[Row]:
+    """Run `all_frames` in a process and with a cache of its own."""
+    with tempfile.TemporaryDirectory() as folder:
+        output = subprocess.run(
+            [sys.executable, __file__, "--all-frames"],
+            env={**os.environ, "USBENCH_CACHE": folder},
+            check=True,
+            capture_output=True,
+            text=True,
+        ).stdout
+    probe_plane, both, peak = map(float, output.split())
+    yield "all 216 PP frames from nothing", f"{probe_plane:.1f} s", "at most 90 s"
+    yield "all 162 FP and 216 PP frames from nothing", f"{both:.1f} s", "at most 40 s"
+    yield "peak memory of that process", f"{peak:.0f} MB", "at most 700 MB"
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--all-frames", action="store_true", help="only that part, in this process")
+    parser.add_argument("--repeats", type=int, default=15, help="frames per focal depth (default 15)")
+    args = parser.parse_args()
+    if args.all_frames:
+        all_frames()
+        return
+    table = Table("what", "measured", "asked", title="The simulator")
+    parts = [speed(args.repeats), scaling(), from_nothing()]
+    if REFERENCE.exists():
+        parts.insert(0, accuracy())
+    for part in parts:
+        for row in part:
+            table.add_row(*row)
+        table.add_section()
+    Console(width=110).print(table)
+    if not REFERENCE.exists():
+        print(f"No accuracy: {REFERENCE} is not there.")
+
+
+if __name__ == "__main__":
+    main()
