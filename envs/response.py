@@ -30,8 +30,8 @@ from usbench.envs.vector import LANES as VECTOR_LANES
 BLOCK = VECTOR_LANES  # waveforms start and end at multiples of it
 _ENERGY_CUT = 3e-3
 _DEPTH_CUT = 3e-5
-_OVERLAP = 0.85  # wavelengths of path between elements
-_N_CLASSES = 8
+_OVERLAP = 0.82  # wavelengths of path between elements
+_N_CLASSES = 12
 _PROBE_STEP = 0.02e-3  # m, over which the phase is followed in u, z and offset
 _DISTANCE_STEP = 0.05e-3
 
