@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: help run test slow lint format typecheck clean
+.PHONY: help run test slow lint format typecheck bench-sim scores clean
 .DEFAULT_GOAL := help
 
 help:  ## show the jobs
@@ -37,6 +37,12 @@ typecheck: $(STAMP)  ## check the types (mypy --strict) on an installed copy
 	$(BIN)/python -m pip install --disable-pip-version-check --quiet --no-deps --no-build-isolation \
 		--target build/typecheck .
 	$(BIN)/mypy --no-incremental build/typecheck/usbench
+
+bench-sim: $(STAMP)  ## accuracy and speed of the simulator, as a table
+	$(BIN)/python benchmarks/simulator.py
+
+scores: $(STAMP)  ## train the paper's agent on both tasks with 4 seeds (some 15 minutes) and print the scores
+	$(BIN)/python benchmarks/scores.py
 
 clean:  ## remove the environment, builds and caches (runs/ stays)
 	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -75,7 +75,7 @@ def test_frame_against_the_closed_form(reference, frames, k, bound):
     assert correlation(frames[k][:, reference["ref_lines"]], reference["rf_exact"][k].T) >= bound
 
 
-# Not met yet, with what is measured there; strict, so that an engine that meets them says so. See docs/physics.md.
+# Not met yet, with what is measured; strict, so that an engine that meets them says so (docs/physics.md).
 POINTS_MISSED = {
     (0, 2): "at y = 5 mm: correlation 0.95, gain -1.5 dB, 28 dB below the strongest",
     (1, 0): "at x = 15 mm, in a grating lobe: correlation 0.93, 21 dB below the strongest",
