@@ -1,4 +1,4 @@
-"""Train one agent on both tasks with several seeds, two trials at a time, and print the scores: `make scores`."""
+"""Train one agent on both tasks with several seeds and print the scores: `make scores`."""
 
 from __future__ import annotations
 
