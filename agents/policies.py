@@ -11,8 +11,8 @@ from torch.optim import Adam, Optimizer
 from usbench.agents.networks import ConvTrunk
 
 # SB3's eps, and no momentum: thousands of features that are all positive move together, so that the averaged
-# sign of a few noisy gradients adds up to whole logits. With momentum policies were certain, of anything, after
-# ten updates.
+# sign of a few noisy gradients adds up to whole logits. With momentum, policies were certain within tens of
+# updates, of whatever came first.
 ADAM = {"eps": 1e-5, "betas": (0.0, 0.999)}
 
 
