@@ -147,7 +147,7 @@ class VPG(OnPolicyAlgorithm):
         if not isinstance(self.policy, SeparatePolicy):
             raise TypeError(f"policy must be derived from SeparatePolicy, not {type(self.policy).__name__}.")
         with torch.no_grad():
-            self.policy.value_net.bias += self.initial_value
+            self.policy.value_net.bias.add_(self.initial_value)
         self.value_lr_schedule = FloatSchedule(self.value_learning_rate)
         self.policy.optimizer = self._optimizer(self.policy.policy_parameters(), self.lr_schedule(1))
         self.policy.value_optimizer = self._optimizer(
