@@ -1,7 +1,6 @@
 """Type and range of every hyperparameter, in one place: what `VPG(...)`, the table and `--set` accept."""
 
 import difflib
-import math
 import reprlib
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -59,15 +58,17 @@ class Whole:
 
 @dataclass(frozen=True)
 class Number:
-    """A number in [low, high], or in (low, high] with `above`."""
+    """A number in [low, high]; without `low` itself where `above`, without `high` where `below`."""
 
     low: float
     high: float
     above: bool = False
+    below: bool = False
 
     def __str__(self) -> str:
         """What is allowed, for error messages."""
-        return f"a number in {'(' if self.above else '['}{self.low:g}, {self.high:g}]"
+        opening, closing = "(" if self.above else "[", ")" if self.below else "]"
+        return f"a number in {opening}{self.low:g}, {self.high:g}{closing}"
 
     def parse(self, text: str) -> object:
         """`text` as a float, or unchanged where it is none."""
@@ -77,14 +78,14 @@ class Number:
             return text
 
     def check(self, value: object) -> float:
-        """`value` as float; TypeError or ValueError unless it is a finite number in the range."""
+        """`value` as float; TypeError or ValueError unless it is a number in the range."""
         if isinstance(value, bool) or not isinstance(value, Real):
             raise TypeError
         number = float(value)
         if (
-            not math.isfinite(number)
-            or not self.low <= number <= self.high
+            not self.low <= number <= self.high
             or (self.above and number == self.low)
+            or (self.below and number == self.high)
         ):
             raise ValueError
         return number
@@ -99,6 +100,7 @@ RANGES: dict[str, Boolean | Whole | Number] = {
     "gamma": Number(0.0, 1.0, above=True),
     "gae_lambda": Number(0.0, 1.0),
     "initial_value": Number(-1e9, 1e9),
+    "adam_beta1": Number(0.0, 1.0, below=True),
 }
 
 

@@ -6,14 +6,9 @@ from gymnasium import spaces
 from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.type_aliases import Schedule
 from torch import nn
-from torch.optim import Adam, Optimizer
+from torch.optim import Optimizer
 
 from usbench.agents.networks import ConvTrunk
-
-# SB3's eps, and no momentum: thousands of features that are all positive move together, so that the averaged
-# sign of a few noisy gradients adds up to whole logits. With momentum, policies were certain within tens of
-# updates, of whatever came first.
-ADAM = {"eps": 1e-5, "betas": (0.0, 0.999)}
 
 
 class SeparatePolicy(ActorCriticPolicy):
@@ -33,8 +28,6 @@ class SeparatePolicy(ActorCriticPolicy):
             raise ValueError(
                 "share_features_extractor must be False: policy and value are separate networks here."
             )
-        if kwargs.get("optimizer_class", Adam) is Adam:
-            kwargs["optimizer_kwargs"] = {**ADAM, **(kwargs.get("optimizer_kwargs") or {})}
         super().__init__(observation_space, action_space, lr_schedule, **kwargs)
 
     def value_parameters(self) -> list[nn.Parameter]:

@@ -12,10 +12,13 @@ from stable_baselines3.common.type_aliases import GymEnv, MaybeCallback, Schedul
 from stable_baselines3.common.utils import FloatSchedule, explained_variance, update_learning_rate
 from torch import nn
 from torch.nn import functional
-from torch.optim import Optimizer
+from torch.optim import Adam, Optimizer
 
 from usbench.agents.hyperparameters import check
 from usbench.agents.policies import ConvPolicy, SeparatePolicy
+
+# PyTorch's default, of which `adam_beta1` is the other half.
+ADAM_BETA2 = 0.999
 
 
 class RewardToGoBuffer(RolloutBuffer):
@@ -53,6 +56,10 @@ class VPG(OnPolicyAlgorithm):
     follows them into a corner. `initial_value`, added to V's output, starts it where it belongs: at about
     r / (1 - gamma) for the reward r per step of the policy at the start.
 
+    No momentum: the trunk's features, thousands, are all positive, so the weights of an action move together
+    and the averaged sign of a few noisy gradients adds up to whole logits. With Adam's usual beta_1 of 0.9,
+    policies were certain within tens of updates, of whatever came first; hence `adam_beta1=0`.
+
     Args:
         policy: "CnnPolicy" (two convolutional trunks), "MlpPolicy", or a class derived from `SeparatePolicy`.
         env: the environment or its Gymnasium id.
@@ -63,6 +70,8 @@ class VPG(OnPolicyAlgorithm):
         gae_lambda: lambda of the advantages, in [0, 1].
         n_value_steps: value steps per update, at least 1; Spinning Up takes 80.
         initial_value: what V starts from, finite.
+        adam_beta1: Adam's momentum (beta_1) for both networks, in [0, 1). `optimizer_kwargs` in
+            `policy_kwargs` win over it; another optimizer than Adam does not take it.
         rollout_buffer_class: the rollout's class, `RewardToGoBuffer` where None.
         rollout_buffer_kwargs: its further arguments.
         stats_window_size: episodes over which the logged means go.
@@ -95,6 +104,7 @@ class VPG(OnPolicyAlgorithm):
         gae_lambda: float = 0.97,
         n_value_steps: int = 3,
         initial_value: float = 0.0,
+        adam_beta1: float = 0.0,
         rollout_buffer_class: type[RolloutBuffer] | None = None,
         rollout_buffer_kwargs: dict[str, Any] | None = None,
         stats_window_size: int = 100,
@@ -133,12 +143,13 @@ class VPG(OnPolicyAlgorithm):
         self.value_learning_rate = value_learning_rate
         self.n_value_steps = n_value_steps
         self.initial_value = initial_value
+        self.adam_beta1 = adam_beta1
         if _init_setup_model:
             self._setup_model()
 
     def _setup_model(self) -> None:
         # Here and not in the constructor, so that what `load` is given is checked too.
-        for name in ("n_steps", "gamma", "gae_lambda", "n_value_steps", "initial_value"):
+        for name in ("n_steps", "gamma", "gae_lambda", "n_value_steps", "initial_value", "adam_beta1"):
             setattr(self, name, check(name, getattr(self, name)))
         for name in ("learning_rate", "value_learning_rate"):
             if not callable(getattr(self, name)):
@@ -156,6 +167,8 @@ class VPG(OnPolicyAlgorithm):
 
     def _optimizer(self, parameters: list[nn.Parameter], learning_rate: float) -> Optimizer:
         options = {**self.policy.optimizer_kwargs, "lr": learning_rate}
+        if issubclass(self.policy.optimizer_class, Adam):
+            options.setdefault("betas", (self.adam_beta1, ADAM_BETA2))
         return self.policy.optimizer_class(parameters, **options)
 
     def train(self) -> None:

@@ -34,6 +34,7 @@ ZOO: dict[str, Entry] = {
             "n_value_steps": 3,
             # A random hand's -1.3 per step, for ever: see the class.
             "initial_value": -130.0,
+            "adam_beta1": 0.0,
         },
         tasks={"fp": {"gae_lambda": 0.95}, "pp": {"gae_lambda": 0.97}},
         presets={"spinup": {"n_value_steps": 80}},

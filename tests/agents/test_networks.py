@@ -15,11 +15,6 @@ FRAMES = gym.spaces.Box(-10, 10, (90, 40, 4), np.float32)
 ACTIONS = gym.spaces.Discrete(5)
 
 
-@pytest.fixture(autouse=True)
-def _one_thread() -> None:
-    torch.set_num_threads(1)
-
-
 def layers(module: nn.Module) -> list[nn.Module]:
     return [layer for layer in module.modules() if not list(layer.children())]
 

@@ -1,82 +1,20 @@
-import io
-from pathlib import Path
+"""The update, step by step and against numbers worked out by hand, and that it learns."""
+
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import pytest
 import torch
-from stable_baselines3.common.callbacks import CallbackList, CheckpointCallback
-from stable_baselines3.common.env_util import make_vec_env
-from stable_baselines3.common.logger import KVWriter, Logger
+from signs import Signs, changed, clone
 from torch import nn
 
 from usbench.agents.networks import Block
-from usbench.agents.vpg import VPG, RewardToGoBuffer
-
-
-@pytest.fixture(autouse=True)
-def _one_thread() -> None:
-    torch.set_num_threads(1)
-
-
-class Signs(gym.Env[np.ndarray, int]):
-    """A bright half of the image says which of two actions is right: reward 1 for it, else 0."""
-
-    action_space = gym.spaces.Discrete(2)
-
-    def __init__(self, n_steps: int = 8, dtype: type = np.float32) -> None:
-        low, high = (0, 255) if dtype is np.uint8 else (-3.0, 3.0)
-        self.observation_space = gym.spaces.Box(low, high, (8, 8, 1), dtype)
-        self.dtype, self.n_steps = dtype, n_steps
-
-    def _image(self) -> np.ndarray:
-        self.right = int(self.np_random.integers(2))
-        bright = np.arange(8)[:, None, None] // 4 == self.right
-        image = np.where(bright, 1.0, -1.0) + self.np_random.normal(0, 0.3, (8, 8, 1))
-        return (
-            (image * 40 + 120).clip(0, 255).astype(np.uint8)
-            if self.dtype is np.uint8
-            else image.astype(np.float32)
-        )
-
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[np.ndarray, dict]:
-        super().reset(seed=seed)
-        self.step_number = 0
-        return self._image(), {}
-
-    def step(self, action: int) -> tuple[np.ndarray, float, bool, bool, dict]:
-        reward = float(int(action) == self.right)
-        self.step_number += 1
-        return self._image(), reward, False, self.step_number == self.n_steps, {}
-
-
-class Record(KVWriter):
-    """Keeps what is logged."""
-
-    def __init__(self) -> None:
-        self.rows: list[dict[str, Any]] = []
-
-    def write(self, key_values: dict[str, Any], key_excluded: dict[str, Any], step: int = 0) -> None:
-        self.rows.append(dict(key_values))
-
-
-def clone(module: nn.Module) -> dict[str, torch.Tensor]:
-    return {name: tensor.clone() for name, tensor in module.state_dict().items()}
-
-
-def changed(before: dict[str, torch.Tensor], module: nn.Module) -> set[str]:
-    return {name for name, tensor in module.state_dict().items() if not torch.equal(tensor, before[name])}
+from usbench.agents.vpg import VPG, RewardToGoBuffer, _descend
 
 
 def of_value(name: str) -> bool:
     return name.startswith(("vf_features_extractor", "value_net", "mlp_extractor.value_net"))
-
-
-def flat(model: VPG) -> torch.Tensor:
-    return torch.cat([tensor.double().flatten() for tensor in model.policy.state_dict().values()])
 
 
 def mean_reward(model: VPG, n: int = 200) -> float:
@@ -184,6 +122,21 @@ def test_policy_and_value_steps_leave_each_other_alone() -> None:
     assert all(of_value(name) for name in after_value)
 
 
+def test_a_step_without_momentum_has_the_size_of_the_learning_rate() -> None:
+    # Adam's first step is lr * g / (|g| + eps); the second, at beta_1 = 0, is lr * g2 / sqrt(v), with
+    # v = (b g1^2 + g2^2) / (1 + b), b = 0.999: it looks at g1 for its size and never for its direction.
+    g1, g2 = np.array([3.0, 1.0]), np.array([-1.0, 2.0])
+    model = VPG("MlpPolicy", "CartPole-v1", learning_rate=1e-2, device="cpu", seed=0)
+    bias = model.policy.action_net.bias
+    steps = []
+    for gradient in (g1, g2):
+        before = bias.detach().clone()
+        _descend(model.policy.optimizer, (bias * torch.as_tensor(gradient, dtype=torch.float32)).sum())
+        steps.append((bias.detach() - before).numpy())
+    np.testing.assert_allclose(steps[0], -1e-2 * np.sign(g1), rtol=1e-4)
+    np.testing.assert_allclose(steps[1], -1e-2 * g2 / np.sqrt((0.999 * g1**2 + g2**2) / 1.999), rtol=1e-4)
+
+
 def test_policy_step_is_the_textbook_gradient() -> None:
     model = VPG("CnnPolicy", Signs(), n_steps=16, seed=3, policy_kwargs={"optimizer_class": torch.optim.SGD})
     model.learn(16)
@@ -241,27 +194,6 @@ def test_learns_a_trivial_environment(dtype: type) -> None:
     assert np.mean([episode["r"] for episode in list(model.ep_info_buffer)[-20:]]) > 0.85 * 8
 
 
-def test_mlp_policy_and_several_environments() -> None:
-    model = VPG("MlpPolicy", make_vec_env("CartPole-v1", 3, seed=0), learning_rate=1e-2, n_steps=128, seed=0)
-    model.learn(128 * 3 * 10)
-    lengths = [episode["l"] for episode in model.ep_info_buffer]
-    assert np.mean(lengths[-20:]) > 45  # random play lasts 22 steps
-
-
-def test_continuous_actions() -> None:
-    model = VPG("MlpPolicy", "Pendulum-v1", seed=0)
-    assert model.policy.log_std in set(model.policy.policy_parameters())
-    before = model.policy.log_std.item()
-    model.learn(64)
-    assert model.policy.log_std.item() != before
-
-
-def test_same_seed_same_bits() -> None:
-    models = [VPG("CnnPolicy", Signs(), n_steps=16, seed=seed).learn(48) for seed in (1, 1, 2)]
-    assert torch.equal(flat(models[0]), flat(models[1]))
-    assert not torch.equal(flat(models[0]), flat(models[2]))
-
-
 def test_values_start_from_initial_value() -> None:
     images = torch.zeros(4, 8, 8, 1)
     low, high = (
@@ -269,102 +201,3 @@ def test_values_start_from_initial_value() -> None:
         for value in (-130.0, 0.0)
     )
     torch.testing.assert_close(low, high - 130.0)
-
-
-def test_save_and_load_give_the_same_actions(tmp_path: Path) -> None:
-    model = VPG("CnnPolicy", Signs(), n_steps=16, gamma=0.9, n_value_steps=2, seed=0).learn(64)
-    model.save(tmp_path / "model.zip")
-    loaded = VPG.load(tmp_path / "model.zip")
-    assert (loaded.gamma, loaded.n_value_steps, loaded.value_learning_rate) == (0.9, 2, 1e-3)
-    assert torch.equal(flat(model), flat(loaded))
-    images = np.random.default_rng(0).normal(size=(50, 8, 8, 1)).astype(np.float32)
-    actions = [m.predict(images, deterministic=True)[0] for m in (model, loaded)]
-    np.testing.assert_array_equal(*actions)
-    drawn = []
-    for m in (model, loaded):
-        torch.manual_seed(5)
-        drawn.append(m.predict(images)[0])
-    np.testing.assert_array_equal(*drawn)
-
-
-def test_continuing_after_load_equals_going_on() -> None:
-    # An episode ends with each rollout, so a reset at the start of the second part changes nothing.
-    whole = VPG("CnnPolicy", Signs(n_steps=16), n_steps=16, seed=0).learn(32)
-    file = io.BytesIO()
-    whole.save(file)
-    file.seek(0)
-    parts = VPG.load(file, env=Signs(n_steps=16))
-    for model in (whole, parts):
-        for optimizer in (model.policy.optimizer, model.policy.value_optimizer):
-            assert {int(state["step"]) for state in optimizer.state.values()} <= {2, 2 * whole.n_value_steps}
-        model.set_random_seed(7)
-        model._last_obs = None
-        model.learn(32, reset_num_timesteps=False)
-    assert torch.equal(flat(whole), flat(parts))
-    assert whole.num_timesteps == parts.num_timesteps == 64
-
-
-def test_learning_rates_can_be_schedules() -> None:
-    model = VPG("CnnPolicy", Signs(), lambda left: 1e-4 * left, lambda left: 1e-3 * left, n_steps=16, seed=0)
-    model.learn(64)  # The last update is at progress 0: both rates are 0.
-    assert model.policy.optimizer.param_groups[0]["lr"] == 0.0
-    assert model.policy.value_optimizer.param_groups[0]["lr"] == 0.0
-
-
-def test_logger_callbacks_and_tensorboard(tmp_path: Path) -> None:
-    model = VPG("CnnPolicy", Signs(), n_steps=16, seed=0, tensorboard_log=str(tmp_path / "tb"))
-    checkpoints = CheckpointCallback(save_freq=16, save_path=str(tmp_path))
-    model.learn(32, callback=CallbackList([checkpoints]))
-    assert [path.name for path in (tmp_path / "tb").iterdir()] == ["VPG_1"]
-    assert len(list(tmp_path.glob("*.zip"))) == 2
-    record = Record()
-    model.set_logger(Logger(None, [record]))
-    model.learn(32)
-    assert record.rows[-1].keys() >= {
-        f"train/{name}"
-        for name in (
-            "policy_loss",
-            "value_loss",
-            "explained_variance",
-            "entropy",
-            "n_updates",
-            "learning_rate",
-        )
-    }
-    assert record.rows[-1]["train/entropy"] == pytest.approx(np.log(2), abs=0.05)
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "error", "words"),
-    [
-        ("gamma", 2.0, ValueError, r"gamma must be a number in \(0, 1\], not 2.0."),
-        ("gamma", 0.0, ValueError, "gamma"),
-        ("gamma", float("nan"), ValueError, "gamma"),
-        ("gae_lambda", -0.1, ValueError, r"gae_lambda must be a number in \[0, 1\], not -0.1."),
-        ("learning_rate", 0.0, ValueError, "learning_rate"),
-        ("learning_rate", "1e-3", TypeError, "learning_rate"),
-        ("value_learning_rate", -1e-3, ValueError, "value_learning_rate"),
-        ("value_learning_rate", True, TypeError, "value_learning_rate"),
-        ("n_steps", 1, ValueError, r"n_steps must be a whole number in \[2, 65536\], not 1."),
-        ("n_steps", 64.0, TypeError, "n_steps"),
-        ("n_value_steps", 0, ValueError, "n_value_steps"),
-        ("n_value_steps", None, TypeError, "n_value_steps"),
-        ("initial_value", float("inf"), ValueError, "initial_value"),
-    ],
-)
-def test_refuses(name: str, value: object, error: type[Exception], words: str) -> None:
-    with pytest.raises(error, match=words):
-        VPG("CnnPolicy", Signs(), **{name: value})
-
-
-def test_load_checks_what_it_is_given(tmp_path: Path) -> None:
-    VPG("CnnPolicy", Signs(), n_steps=16).save(tmp_path / "model.zip")
-    with pytest.raises(ValueError, match="gamma must be"):
-        VPG.load(tmp_path / "model.zip", gamma=2.0)
-
-
-def test_refuses_a_policy_of_another_kind() -> None:
-    from stable_baselines3.common.policies import ActorCriticPolicy
-
-    with pytest.raises(TypeError, match="policy must be derived from SeparatePolicy, not ActorCriticPolicy"):
-        VPG(ActorCriticPolicy, "CartPole-v1")

@@ -6,17 +6,11 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
-import torch
 
 from usbench.agents import zoo
 from usbench.agents.baselines import Oracle, Random, Stay
 from usbench.agents.hyperparameters import RANGES
 from usbench.agents.vpg import VPG
-
-
-@pytest.fixture(autouse=True)
-def _one_thread() -> None:
-    torch.set_num_threads(1)
 
 
 class Noise(gym.Env[np.ndarray, int]):
@@ -61,6 +55,7 @@ def test_table_holds_the_papers_hyperparameters() -> None:
         "gae_lambda": 0.97,
         "n_value_steps": 3,
         "initial_value": -130.0,
+        "adam_beta1": 0.0,
     }
     assert zoo.hyperparameters("vpg", "fp", {})["gae_lambda"] == 0.95
     assert zoo.hyperparameters("vpg", "pp", {}, preset="spinup")["n_value_steps"] == 80
