@@ -1,27 +1,29 @@
 """Frames kept in memory and on disk, keyed by everything that they depend on.
 
 One file per (phantom, array, imaging, simulator): its name is a hash of all four, where "simulator" means the
-bytes of the modules that compute a frame, the versions of the libraries under them and the processor. It is
-written atomically and carries a checksum; what does not fit is simulated again, never served.
+sources that compute a frame, the versions of the libraries under them and the processor. `cache.py` writes it
+atomically and checks it; what does not fit is simulated again, never served.
 """
 
 from __future__ import annotations
 
+import ast
+import contextlib
 import hashlib
-import os
 import platform
-import tempfile
 import warnings
 from collections.abc import Callable, Iterable
+from dataclasses import fields, is_dataclass
 from functools import lru_cache
 from importlib import metadata
 from pathlib import Path
+from typing import Any
 
 import llvmlite.binding
 import numpy as np
 import numpy.typing as npt
-import platformdirs
 
+from usbench.envs import cache
 from usbench.envs.bmode import Imaging
 from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Pose
@@ -31,29 +33,35 @@ from usbench.envs.scanner import scan
 Frame = npt.NDArray[np.uint8]
 Progress = Callable[[int, int], None]
 
-MAX_CACHE_BYTES = 256 * 2**20
-_MODULES = (
-    "pose", "phantom", "probe", "aperture", "elevation", "vector", "response", "summation", "rf", "bmode",
-    "scanner",
-)  # fmt: skip
-_LIBRARIES = ("numpy", "scipy", "numba", "opencv-python-headless")
+_LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "opencv-python-headless")
 
 
-def cache_folder() -> Path:
-    """Return where frames are kept: USBENCH_CACHE, or the platform's folder for caches."""
-    return Path(os.environ.get("USBENCH_CACHE") or platformdirs.user_cache_path("usbench"))
+def sources() -> dict[str, bytes]:
+    """Return the source by name of every module that computes a frame: `scanner`, and what it imports."""
+    found: dict[str, bytes] = {}
+    waiting = ["scanner"]
+    while waiting:
+        name = waiting.pop()
+        if name in found:
+            continue
+        found[name] = Path(__file__).with_name(f"{name}.py").read_bytes()
+        for node in ast.walk(ast.parse(found[name])):
+            modules = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            if isinstance(node, ast.ImportFrom):
+                modules = [f"{node.module}.{alias.name}" for alias in node.names]
+            waiting += [module.split(".")[2] for module in modules if module.startswith("usbench.envs.")]
+    return found
 
 
-@lru_cache(maxsize=1)
 def _simulator() -> str:
     """Return a hash of the code and the libraries that compute a frame, and of the processor."""
-    digest = hashlib.sha256()
-    for name in _MODULES:
-        digest.update((Path(__file__).parent / f"{name}.py").read_bytes())
     versions = [f"{name} {metadata.version(name)}" for name in _LIBRARIES]
     processor = (platform.machine(), llvmlite.binding.get_host_cpu_name())
-    digest.update(repr((versions, processor)).encode())
-    return digest.hexdigest()
+    return hashlib.sha256(repr((sorted(sources().items()), versions, processor)).encode()).hexdigest()
+
+
+# Taken when the code is: sources that change later are not what this process runs.
+SIMULATOR = _simulator()
 
 
 class FrameStore:
@@ -64,8 +72,8 @@ class FrameStore:
         self._scene = (phantom, array, imaging)
         self._frames: dict[Pose, Frame] = {}
         self._loaded = False
-        self._key = hashlib.sha256(repr((*self._scene, _simulator())).encode()).hexdigest()
-        self.path = cache_folder() / f"frames-{self._key[:32]}.npz"
+        key = hashlib.sha256(repr((*self._scene, SIMULATOR)).encode()).hexdigest()
+        self.path = cache.frames_path(key)
 
     def frame(self, pose: Pose) -> Frame:
         """Return the frame from `pose`, (height_px, width_px) uint8, read-only."""
@@ -98,46 +106,42 @@ class FrameStore:
 
     def _keep(self, pose: Pose, frame: Frame) -> Frame:
         frame.flags.writeable = False
-        self._frames[pose] = frame
-        return frame
+        return self._frames.setdefault(pose, frame)
 
     def _load(self) -> None:
         if self._loaded:
             return
         self._loaded = True
         try:
-            # Opened here: of a damaged archive, NumPy would leave it open.
-            with self.path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
-                poses, frames, checksum = file["poses"], file["frames"], str(file["checksum"])
-            if checksum != _checksum(self._key, poses, frames):
-                raise ValueError("its checksum is wrong")
-            os.utime(self.path)  # used lately: dropped last
+            self._read()
         except (FileNotFoundError, NotADirectoryError):
             return
         except Exception as error:  # a damaged archive raises nearly anything
             warnings.warn(
                 f"frames are simulated again, as {self.path} cannot be used: {error}.", stacklevel=3
             )
-            return
-        for pose, frame in zip(poses.tolist(), frames, strict=True):
+
+    def _read(self) -> None:
+        contents = cache.read(self.path)
+        cache.mark_used(self.path)
+        for pose, frame in zip(contents.poses.tolist(), contents.frames, strict=True):
             self._keep(Pose(*pose), frame)
 
     def _save(self) -> None:
+        if _simulator() != SIMULATOR:
+            warnings.warn(
+                "frames are not kept on disk: the simulator's sources have changed since they were imported.",
+                stacklevel=3,
+            )
+            return
+        with contextlib.suppress(Exception):  # `_load` has told of a damaged file
+            self._read()  # what other processes have added meanwhile
         poses = np.array([(p.x_mm, p.focal_depth_mm, p.angle_deg) for p in self._frames], dtype=np.int32)
         frames = np.stack(list(self._frames.values()))
-        temporary = None
+        scene = " ".join(map(_in_words, self._scene))
         try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            with tempfile.NamedTemporaryFile(dir=self.path.parent, suffix=".tmp", delete=False) as file:
-                temporary = file.name
-                np.savez(file, poses=poses, frames=frames, checksum=_checksum(self._key, poses, frames))
-                file.flush()
-                os.fsync(file.fileno())
-            os.replace(temporary, self.path)
-            _prune(self.path)
+            cache.write(self.path, cache.Contents(scene, SIMULATOR, poses, frames))
         except OSError as error:
-            if temporary is not None:
-                Path(temporary).unlink(missing_ok=True)
             warnings.warn(f"frames are not kept on disk: {error}.", stacklevel=3)
 
 
@@ -147,20 +151,10 @@ def frame_store(phantom: Phantom, array: LinearArray, imaging: Imaging) -> Frame
     return FrameStore(phantom, array, imaging)
 
 
-def _checksum(key: str, poses: npt.NDArray[np.int32], frames: Frame) -> str:
-    """Return a hash of what a file holds, shapes included, and of its scene: a renamed file is foreign."""
-    header = repr((key, poses.shape, poses.dtype.str, frames.shape, frames.dtype.str)).encode()
-    return hashlib.sha256(header + poses.tobytes() + frames.tobytes()).hexdigest()
-
-
-def _prune(kept: Path) -> None:
-    """Drop the files used longest ago until the folder holds at most MAX_CACHE_BYTES; `kept` stays."""
-    files = sorted(
-        ((path.stat().st_mtime, path.stat().st_size, path) for path in kept.parent.glob("frames-*.npz")),
-        reverse=True,
-    )
-    total = 0
-    for _, size, path in files:
-        total += size
-        if total > MAX_CACHE_BYTES and path != kept:
-            path.unlink(missing_ok=True)
+def _in_words(value: Any) -> str:
+    """Return a dataclass with those fields alone that differ from their defaults."""
+    if not is_dataclass(value):
+        return repr(value)
+    changed = [field.name for field in fields(value) if getattr(value, field.name) != field.default]
+    settings = ", ".join(f"{name}={_in_words(getattr(value, name))}" for name in changed)
+    return f"{type(value).__name__}({settings})"

@@ -1,16 +1,20 @@
 """Frames on disk: found again by everything they depend on, and never served when in doubt."""
 
+import ast
 import dataclasses
 import multiprocessing
 import os
+import sys
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from usbench.envs import frames
+from usbench.envs import cache, frames
 from usbench.envs.bmode import Imaging
-from usbench.envs.frames import FrameStore, cache_folder, frame_store
+from usbench.envs.cache import cache_folder
+from usbench.envs.frames import FrameStore, frame_store
 from usbench.envs.phantom import ObjectOfInterest, Phantom
 from usbench.envs.pose import Pose
 from usbench.envs.probe import LinearArray
@@ -95,6 +99,17 @@ def test_what_is_new_joins_what_was_there(kept, scans):
     assert not scans
 
 
+def test_what_another_process_has_added_meanwhile_stays(scans):
+    here, there = FrameStore(*SCENE), FrameStore(*SCENE)
+    here.prepare(POSES[:1])
+    there.frame(POSES[1])  # now it has read the file
+    here.prepare(POSES[2:])
+    there.prepare(POSES[1:2] + [Pose(20, 50, 0)])
+    scans.clear()
+    FrameStore(*SCENE).prepare([*POSES, Pose(20, 50, 0)])
+    assert not scans
+
+
 def test_the_process_shares_a_store():
     assert frame_store(*SCENE) is frame_store(Phantom(), LinearArray(), Imaging())
     assert frame_store(*SCENE) is not frame_store(Phantom(seed=1), LinearArray(), Imaging())
@@ -132,24 +147,59 @@ def test_every_argument_is_in_the_key():
     assert FrameStore(*SCENE).path == FrameStore(Phantom(), LinearArray(), Imaging()).path
 
 
-def test_the_simulators_code_is_in_the_key(monkeypatch):
+def test_the_simulator_is_in_the_key(monkeypatch):
     before = FrameStore(*SCENE).path
-    monkeypatch.setattr(frames, "_simulator", lambda: "another")
+    monkeypatch.setattr(frames, "SIMULATOR", "another")
     assert FrameStore(*SCENE).path != before
 
 
-def test_every_module_that_a_frame_depends_on_is_in_the_key():
-    # What the scanner imports, directly or not, computes a frame; the number of threads does not change it.
-    folder = frames.Path(frames.__file__).parent
-    needed, todo = set(), ["scanner"]
-    while todo:
-        name = todo.pop()
-        if name not in needed:
-            needed.add(name)
-            for line in (folder / f"{name}.py").read_text().splitlines():
-                if line.startswith("from usbench.envs."):
-                    todo.append(line.removeprefix("from usbench.envs.").split()[0])
-    assert set(frames._MODULES) | {"threads"} == needed
+def test_every_source_and_library_of_a_frame_is_in_the_simulator(monkeypatch):
+    found = frames.sources()
+    assert {"scanner", "rf", "bmode", "phantom", "probe", "pose"} <= set(found)
+    assert frames._simulator() == frames.SIMULATOR
+    for name in found:
+        changed = found | {name: found[name] + b"\n"}
+        monkeypatch.setattr(frames, "sources", lambda changed=changed: changed)
+        assert frames._simulator() != frames.SIMULATOR, name
+    monkeypatch.undo()
+    for name in frames._LIBRARIES:
+        monkeypatch.setattr(frames.metadata, "version", lambda asked, name=name: f"{asked == name}")
+        assert frames._simulator() != frames.SIMULATOR
+
+
+def test_sources_are_followed_through_what_they_import(monkeypatch, tmp_path):
+    # All ways to import, at the top and in a function; a comment is none.
+    for name, text in {
+        "scanner": "import usbench.envs.a\nimport numpy\n",
+        "a": "from usbench.envs import b, c\n",
+        "b": "def f():\n    from usbench.envs.d import g\n",
+        "c": "from usbench.envs.a import h\n",
+        "d": "# from usbench.envs.e import i\n",
+        "e": "",
+    }.items():
+        (tmp_path / f"{name}.py").write_text(text)
+    monkeypatch.setattr(frames, "__file__", str(tmp_path / "frames.py"))
+    assert set(frames.sources()) == {"scanner", "a", "b", "c", "d"}
+
+
+def test_every_library_that_a_source_imports_has_its_version_in_the_key():
+    known = {"numpy", "scipy", "numba", "llvmlite", "cv2"}
+    assert {name.replace("opencv-python-headless", "cv2") for name in frames._LIBRARIES} == known
+    for name, source in frames.sources().items():
+        for node in ast.walk(ast.parse(source)):
+            modules = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            modules += [node.module] if isinstance(node, ast.ImportFrom) else []
+            tops = {module.split(".")[0] for module in modules} - set(sys.stdlib_module_names)
+            assert tops <= known | {"usbench"}, name
+
+
+def test_sources_that_change_under_a_running_process_keep_nothing(monkeypatch):
+    # What it computes is from the old ones, under whatever key.
+    monkeypatch.setattr(frames, "_simulator", lambda: "edited since")
+    store = FrameStore(*SCENE)
+    with pytest.warns(UserWarning, match="sources have changed since they were imported"):
+        store.prepare(POSES)
+    assert not store.path.exists() and store.frame(POSES[0])[0, 0] == 65
 
 
 def test_the_folder_can_be_set(monkeypatch, tmp_path):
@@ -157,6 +207,8 @@ def test_the_folder_can_be_set(monkeypatch, tmp_path):
     store = FrameStore(*SCENE)
     store.prepare(POSES)
     assert store.path.parent == tmp_path / "elsewhere" == cache_folder() and store.path.is_file()
+    monkeypatch.setenv("USBENCH_CACHE", "~/frames")
+    assert cache_folder() == Path.home() / "frames"
     monkeypatch.delenv("USBENCH_CACHE")
     assert cache_folder().name == "usbench" and cache_folder().is_absolute()
 
@@ -248,7 +300,7 @@ def test_a_full_disk_leaves_no_debris(monkeypatch, kept):
         raise OSError(28, "No space left on device")
 
     before = kept.read_bytes()
-    monkeypatch.setattr(frames.os, "fsync", full)
+    monkeypatch.setattr(cache.os, "fsync", full)
     with pytest.warns(UserWarning, match="frames are not kept on disk: .*No space left"):
         FrameStore(*SCENE).prepare([Pose(15, 50, 0)])
     assert list(kept.parent.iterdir()) == [kept] and kept.read_bytes() == before
@@ -292,16 +344,85 @@ def test_the_folder_is_limited_and_what_was_used_last_stays(monkeypatch):
     foreign = stores[0].path.with_name("notes.txt")
     foreign.write_text("not ours")
     FrameStore(Phantom(seed=0), *SCENE[1:]).frame(POSES[0])  # the oldest is read: now it is the newest
-    monkeypatch.setattr(frames, "MAX_CACHE_BYTES", int(2.5 * stores[0].path.stat().st_size))
+    monkeypatch.setattr(cache, "MAX_BYTES", int(2.5 * stores[0].path.stat().st_size))
     stores[3].prepare(POSES)
     assert [store.path.exists() for store in stores] == [True, False, False, True]
     assert foreign.exists()
 
 
 def test_a_file_larger_than_the_limit_stays(monkeypatch, kept, scans):
-    monkeypatch.setattr(frames, "MAX_CACHE_BYTES", 1)
+    monkeypatch.setattr(cache, "MAX_BYTES", 1)
     FrameStore(*SCENE).prepare([Pose(20, 50, 0)])
     assert kept.exists()
+
+
+def test_what_a_killed_process_left_behind_is_dropped_and_what_is_being_written_is_not(kept):
+    old, new = kept.with_name("frames-old.tmp"), kept.with_name("frames-new.tmp")
+    foreign = kept.with_name("notes.tmp")
+    for path in (old, new, foreign):
+        path.write_bytes(b"half a file")
+    for path in (old, foreign):
+        os.utime(path, times=(1e9, 1e9))
+    FrameStore(*SCENE).prepare([Pose(20, 50, 0)])
+    assert not old.exists() and new.exists() and foreign.exists()
+
+
+def _prepare_and_die(poses):
+    # In the middle of a file, as of `kill -9` or a power cut.
+    cache.os.fsync = lambda _: os._exit(9)
+    FrameStore(*SCENE).prepare(poses)
+
+
+@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
+@pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="no fork on this platform")
+def test_a_process_killed_while_it_writes_harms_nothing(kept):
+    before = kept.read_bytes()
+    context = multiprocessing.get_context("fork")
+    child = context.Process(target=_prepare_and_die, args=([Pose(15, 50, 0)],))
+    child.start()
+    child.join(60)
+    assert child.exitcode == 9 and kept.read_bytes() == before
+    assert len(list(kept.parent.glob("frames-*.tmp"))) == 1
+
+
+# What the folder holds
+
+
+def test_entries_tell_what_the_files_are(kept):
+    scene = (Phantom(seed=3, object_of_interest=ObjectOfInterest(x_mm=1)), LinearArray(n_active=32), SCENE[2])
+    FrameStore(*scene).prepare(POSES[:2])
+    os.utime(kept, times=(1e9, 1e9))
+    newest, oldest = cache.entries()
+    assert newest.path == FrameStore(*scene).path and oldest.path == kept and oldest.used == 1e9
+    assert newest.contents.scene == (
+        "Phantom(seed=3, object_of_interest=ObjectOfInterest(x_mm=1)) LinearArray(n_active=32) Imaging()"
+    )
+    assert oldest.contents.scene == "Phantom() LinearArray() Imaging()"
+    assert newest.contents.simulator == frames.SIMULATOR
+    assert [len(entry.contents.frames) for entry in (newest, oldest)] == [2, 3]
+    assert oldest.size == kept.stat().st_size
+
+
+def test_a_damaged_file_is_listed_as_such(kept):
+    kept.write_bytes(b"not a frame")
+    (entry,) = cache.entries()
+    assert entry.contents is None and entry.size == 11
+
+
+def test_no_folder_holds_nothing():
+    assert cache.entries() == [] and cache.clear() == (0, 0)
+
+
+def test_clear_removes_frames_and_nothing_else(kept, scans):
+    foreign, writing = kept.with_name("notes.npz"), kept.with_name("frames-new.tmp")
+    for path in (foreign, writing):
+        path.write_bytes(b"...")
+    size = kept.stat().st_size
+    assert cache.clear() == (1, size)
+    assert sorted(kept.parent.iterdir()) == sorted([foreign, writing])
+    scans.clear()
+    FrameStore(*SCENE).prepare(POSES)
+    assert scans == POSES
 
 
 def test_digest_tells_frames_and_their_order_apart():
