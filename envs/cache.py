@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 import platformdirs
 
-MAX_BYTES = 256 * 2**20
+MAX_BYTES = 250_000_000
 # A file is written in seconds: one that old was left behind by a process that was killed.
 ABANDONED_AFTER_S = 3600.0
 

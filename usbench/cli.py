@@ -20,6 +20,7 @@ EXAMPLES = """examples:
   usbench run --algo vpg --task fp --noise 0.25 --seed 3
   usbench run --algo vpg --task pp --preset spinup --set gamma=0.95 --out my_runs
   usbench list
+  usbench cache --clear
 """
 
 
@@ -74,6 +75,16 @@ def build_parser() -> argparse.ArgumentParser:
 
     show = commands.add_parser("list", parents=[debug], help="show tasks, algorithms and their defaults")
     show.set_defaults(call=_list)
+
+    cache = commands.add_parser(
+        "cache",
+        parents=[debug],
+        help="show or clear the frames kept on disk",
+        description="Show the frames kept on disk, or clear them: they are simulated again when needed. "
+        "USBENCH_CACHE sets their place.",
+    )
+    cache.add_argument("--clear", action="store_true", help="remove them")
+    cache.set_defaults(call=_cache)
     return parser
 
 
@@ -134,6 +145,19 @@ def _list(args: argparse.Namespace) -> None:
     from usbench import console
 
     console.print_suite()
+
+
+def _cache(args: argparse.Namespace) -> None:
+    from usbench import console
+    from usbench.envs import cache
+
+    if args.clear:
+        n_files, size = cache.clear()
+        print(
+            f"removed {n_files} file{'s' * (n_files != 1)} ({size / 1e6:.1f} MB) from {cache.cache_folder()}"
+        )
+    else:
+        console.print_cache()
 
 
 def _number(text: str) -> int | float | str:

@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Mapping
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -133,6 +134,28 @@ def print_suite() -> None:
     console = Console()
     console.print(tasks)
     console.print(algorithms)
+
+
+def print_cache() -> None:
+    """Print where frames are kept, how much of the limit they take, and what each file holds."""
+    from usbench.envs import cache, frames
+
+    entries = cache.entries()
+    print(f"folder:         {cache.cache_folder()}")
+    size = sum(entry.size for entry in entries)
+    print(f"files:          {len(entries)}, {size / 1e6:.1f} MB of at most {cache.MAX_BYTES / 1e6:.0f} MB")
+    table = Table()
+    for name in ("frames", "size", "last used", "simulator", "phantom, array, imaging"):
+        table.add_column(name, overflow="fold")
+    for entry in entries:
+        row = ["not readable", "", ""]
+        if entry.contents is not None:
+            this = entry.contents.simulator == frames.SIMULATOR
+            row = [str(len(entry.contents.frames)), "this" if this else "another", entry.contents.scene]
+        used = datetime.fromtimestamp(entry.used).isoformat(" ", "minutes")
+        table.add_row(row[0], f"{entry.size / 1e6:.1f} MB", used, *row[1:])
+    if entries:
+        Console().print(table)
 
 
 def _settings(values: Mapping[str, float], separator: str) -> str:
