@@ -6,7 +6,8 @@ import pytest
 from PIL import Image
 
 from usbench import plots, records
-from usbench.records import Episode, Evaluation, Journal, TrialConfig
+from usbench.journal import Journal
+from usbench.records import Episode, Evaluation, TrialConfig
 
 CONFIG = TrialConfig(task="fp", algo="vpg", noise=0.0, seed=0, steps=64)
 POSES = {f"{when}_{key}": 0 for when in ("start", "final") for key in ("x_mm", "focal_depth_mm", "angle_deg")}
@@ -22,13 +23,14 @@ def trial(out, evaluations=True, episodes=True):
     with Journal(folder / records.EPISODES) as journal:
         for number in range(4 * episodes):
             row = Episode(episode=number, step=16 * number + 16, return_=-20.0 + number, **POSES, **REST)
-            journal.append([row])
+            journal.append([row.as_row()])
     with Journal(folder / records.EVALUATIONS) as journal:
         for checkpoint in (0, 64) if evaluations else ():
             for deterministic in (False, True):
                 counters = {"episode": 0, "eval_episode": 0, "step": checkpoint, "checkpoint": checkpoint}
                 mode = {"deterministic": deterministic, "actions": ()}
-                journal.append([Evaluation(return_=-20.0, **counters, **mode, **POSES, **REST)])
+                row = Evaluation(return_=-20.0, **counters, **mode, **POSES, **REST)
+                journal.append([row.as_row()])
     return folder
 
 

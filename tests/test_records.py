@@ -1,14 +1,14 @@
 """Records: written whole, read back, and refused in one sentence where they are broken."""
 
 import json
-import os
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from usbench import records
-from usbench.records import ConfigurationError, Evaluation, Journal, TrialConfig
+from usbench.journal import Journal, read_rows
+from usbench.records import ConfigurationError, Evaluation, TrialConfig
 
 CONFIG = TrialConfig(task="pp", algo="vpg", noise=0.25, seed=3, steps=64, hyperparameters={"gamma": 0.9})
 ANCHORS = {"optimal": -4.0, "random": -20.0, "stay": -22.0}
@@ -49,7 +49,7 @@ def trial(out, config=CONFIG, status="finished", rows=2):
     folder = records.create(out, config)
     records.write_state(folder, state(status))
     with Journal(folder / records.EVALUATIONS) as journal:
-        journal.append(evaluation(number) for number in range(rows))
+        journal.append(evaluation(number).as_row() for number in range(rows))
     return folder
 
 
@@ -70,7 +70,7 @@ def test_hash_does_not_depend_on_the_order_of_settings():
 
 
 def test_rows_have_the_keys_of_the_specification(tmp_path):
-    (row, _) = records.read_rows(trial(tmp_path) / records.EVALUATIONS)
+    (row, _) = read_rows(trial(tmp_path) / records.EVALUATIONS)
     assert {
         "episode", "step", "return", "start_x_mm", "start_focal_depth_mm", "start_angle_deg",
         "final_x_mm", "final_focal_depth_mm", "final_angle_deg", "is_success", "checkpoint", "deterministic",
@@ -109,23 +109,6 @@ def test_load_refuses_an_unknown_table(tmp_path):
         records.load(tmp_path, "scores")
 
 
-def test_torn_last_line_is_passed_over(tmp_path):
-    path = trial(tmp_path) / records.EVALUATIONS
-    whole = path.read_bytes()
-    path.write_bytes(whole[:-7])
-    assert len(records.read_rows(path)) == 1
-    path.write_bytes(whole + b'{"episode": 2')
-    assert len(records.read_rows(path)) == 2
-
-
-@pytest.mark.parametrize("line", [b"{broken\n", b"[1]\n", b"\xff\n"])
-def test_broken_line_in_between_is_refused(tmp_path, line):
-    path = trial(tmp_path) / records.EVALUATIONS
-    path.write_bytes(line + path.read_bytes())
-    with pytest.raises(ValueError, match="line 1"):
-        records.read_rows(path)
-
-
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"schema": 99}'])
 def test_broken_trial_file_is_refused(tmp_path, text):
     (tmp_path / records.TRIAL).write_text(text)
@@ -136,29 +119,6 @@ def test_broken_trial_file_is_refused(tmp_path, text):
 def test_unknown_status_is_refused(tmp_path):
     with pytest.raises(ValueError, match="running, interrupted, failed, finished"):
         records.write_state(tmp_path, state("done"))
-
-
-def test_not_a_number_never_enters_a_journal(tmp_path):
-    with Journal(tmp_path / "x.jsonl") as journal, pytest.raises(ValueError, match="float"):
-        journal.append([evaluation(return_=float("nan"))])
-
-
-def test_failed_write_leaves_the_old_file_and_no_leftover(tmp_path):
-    path = tmp_path / "file"
-    path.write_bytes(b"old")
-    with pytest.raises(RuntimeError), records.atomic_file(path) as file:
-        file.write(b"half")
-        raise RuntimeError
-    assert path.read_bytes() == b"old"
-    assert os.listdir(tmp_path) == ["file"]
-
-
-def test_written_file_has_the_usual_permissions(tmp_path):
-    (tmp_path / "usual").write_bytes(b"")
-    with records.atomic_file(tmp_path / "file") as file:
-        file.write(b"new")
-    assert (tmp_path / "file").stat().st_mode == (tmp_path / "usual").stat().st_mode
-    assert (tmp_path / "file").read_bytes() == b"new"
 
 
 def test_output_folder_that_is_a_file_is_refused(tmp_path):

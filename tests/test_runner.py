@@ -11,6 +11,7 @@ from usbench import records, replay, runner, suite, training
 from usbench.agents.vpg import VPG
 from usbench.envs import oracle
 from usbench.evaluation import Evaluator
+from usbench.journal import read_rows
 from usbench.records import ConfigurationError
 
 STEPS = 128
@@ -64,7 +65,7 @@ def test_checkpoints_and_evaluation_episodes_are_the_suites(finished):
 
 
 def test_record_alone_is_enough_to_replay_an_episode(finished):
-    for record in records.read_rows(finished / records.EVALUATIONS)[:3]:
+    for record in read_rows(finished / records.EVALUATIONS)[:3]:
         *_, last = replay.play("pp", 0.5, record["eval_episode"], record["actions"])
         assert last.return_ == record["return"]
     path = replay.write_gif(finished)

@@ -12,6 +12,7 @@ from rich.table import Table
 from tqdm import tqdm
 
 from usbench import records
+from usbench.journal import read_rows
 
 
 class Bars:
@@ -66,7 +67,7 @@ def trial_table(folder: Path) -> Table:
     """Return the last checkpoint of a trial as a table, beside random and optimal."""
     state = records.read_state(folder)
     config, anchors = state["config"], state["anchors"]
-    rows = pd.DataFrame(records.read_rows(folder / records.EVALUATIONS))
+    rows = pd.DataFrame(read_rows(folder / records.EVALUATIONS))
     last = rows[rows["checkpoint"] == rows["checkpoint"].max()]
     title = f"{config['algo']} on {config['task']}, noise {config['noise']:g}, seed {config['seed']}"
     table = Table(

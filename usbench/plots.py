@@ -7,6 +7,8 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from usbench import records
+from usbench.atomic import atomic_file
+from usbench.journal import read_rows
 
 LEARNING_CURVE = "learning_curve.png"
 SMOOTHING_EPISODES = 40
@@ -22,14 +24,14 @@ def learning_curve(folder: Path) -> Path:
         ValueError: If the trial has no evaluations.
     """
     state = records.read_state(folder)
-    evaluations = pd.DataFrame(records.read_rows(folder / records.EVALUATIONS))
+    evaluations = pd.DataFrame(read_rows(folder / records.EVALUATIONS))
     if evaluations.empty:
         raise ValueError(f"{folder} has no evaluations to draw.")
     config, anchors = state["config"], state["anchors"]
     figure = Figure(figsize=(7.5, 5), dpi=150, layout="constrained")
     axes = figure.add_subplot()
 
-    episodes = pd.DataFrame(records.read_rows(folder / records.EPISODES))
+    episodes = pd.DataFrame(read_rows(folder / records.EPISODES))
     if not episodes.empty:
         smooth = episodes["return"].rolling(SMOOTHING_EPISODES, min_periods=1).mean()
         axes.plot(
@@ -66,7 +68,7 @@ def learning_curve(folder: Path) -> Path:
     score.set_ylabel("normalised score (0 random, 1 optimal)")
 
     path = folder / LEARNING_CURVE
-    with records.atomic_file(path) as file:
+    with atomic_file(path) as file:
         # No date or version in the file: same records, same bytes.
         figure.savefig(file, format="png", metadata={"Software": None})
     return path

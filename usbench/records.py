@@ -5,19 +5,19 @@ A trial folder holds `trial.json` (resolved configuration, versions, hash of the
 `model.zip` and TensorBoard events. Nothing here imports torch.
 """
 
-import contextlib
 import hashlib
 import json
-import os
 import re
-import tempfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import IO, Any, Literal, Self
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
+
+from usbench.atomic import atomic_file
+from usbench.journal import read_rows
 
 SCHEMA = 1
 STATUSES = ("running", "interrupted", "failed", "finished")
@@ -117,59 +117,6 @@ class Evaluation(Episode):
     actions: Sequence[int]
 
 
-@contextlib.contextmanager
-def atomic_path(path: Path) -> Iterator[Path]:
-    """Yield a name to write to; what was written appears at `path` whole or not at all, whatever happens."""
-    descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
-    os.close(descriptor)
-    temporary = Path(name)
-    try:
-        yield temporary
-        with temporary.open("rb+") as file:
-            os.fsync(file.fileno())
-        temporary.chmod(0o666 & ~_umask())
-        temporary.replace(path)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            temporary.unlink()
-        raise
-
-
-@contextlib.contextmanager
-def atomic_file(path: Path) -> Iterator[IO[bytes]]:
-    """Open a file for writing that appears at `path` whole or not at all."""
-    with atomic_path(path) as temporary, temporary.open("wb") as file:
-        yield file
-
-
-def _umask() -> int:
-    """Return the process's umask; mkstemp's files are private whatever it says."""
-    current = os.umask(0o022)
-    os.umask(current)
-    return current
-
-
-class Journal:
-    """A file of JSON lines that only grows; each call adds whole lines and flushes them."""
-
-    def __init__(self, path: Path) -> None:
-        """Open `path` for appending."""
-        self._file = path.open("a", encoding="utf-8")
-
-    def append(self, rows: Iterable[Episode]) -> None:
-        """Add one line per episode."""
-        self._file.write("".join(json.dumps(row.as_row(), allow_nan=False) + "\n" for row in rows))
-        self._file.flush()
-
-    def __enter__(self) -> Self:
-        """Return the open journal."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Close the file."""
-        self._file.close()
-
-
 def create(out: Path, config: TrialConfig) -> Path:
     """Make an empty trial folder and return its path; an earlier folder of that name is kept beside it.
 
@@ -225,30 +172,6 @@ def read_state(folder: Path) -> dict[str, Any]:
     if state.get("schema", SCHEMA) != SCHEMA:
         raise ValueError(f"{path} has schema {state['schema']!r}; this version reads schema {SCHEMA}.")
     return state
-
-
-def read_rows(path: Path) -> list[dict[str, Any]]:
-    """Read a journal; a last line that a crash left unfinished is passed over.
-
-    Raises:
-        ValueError: If any other line is broken.
-    """
-    rows: list[dict[str, Any]] = []
-    if not path.exists():
-        return rows
-    lines = path.read_bytes().split(b"\n")
-    for number, line in enumerate(lines, start=1):
-        # A whole line ends with a newline, so what stands after the last one is torn or empty.
-        if number == len(lines):
-            break
-        try:
-            row = json.loads(line)
-            if not isinstance(row, dict):
-                raise ValueError("not an object")
-        except ValueError as error:
-            raise ValueError(f"{path}, line {number}, is not a record: {error}.") from error
-        rows.append(row)
-    return rows
 
 
 def trial_folders(runs: Path) -> list[Path]:

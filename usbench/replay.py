@@ -11,6 +11,8 @@ import pandas as pd
 from PIL import Image, ImageDraw, ImageFont
 
 from usbench import records, suite
+from usbench.atomic import atomic_file
+from usbench.journal import read_rows
 
 REPLAY = "replay.gif"
 CAPTION_HEIGHT, CAPTION_COLOR = 28, (15, 18, 24)
@@ -34,7 +36,7 @@ def typical_episode(folder: Path) -> dict[str, Any]:
     Raises:
         ValueError: If the trial has no evaluations.
     """
-    rows = pd.DataFrame(records.read_rows(folder / records.EVALUATIONS))
+    rows = pd.DataFrame(read_rows(folder / records.EVALUATIONS))
     if rows.empty:
         raise ValueError(f"{folder} has no evaluations to replay.")
     last = rows[(rows["checkpoint"] == rows["checkpoint"].max()) & ~rows["deterministic"]]
@@ -64,7 +66,7 @@ def write_gif(folder: Path) -> Path:
     moments = play(config["task"], config["noise"], int(record["eval_episode"]), record["actions"])
     pages = [_page(moment, len(record["actions"])) for moment in moments]
     path = folder / REPLAY
-    with records.atomic_file(path) as file:
+    with atomic_file(path) as file:
         pages[0].save(
             file,
             format="GIF",

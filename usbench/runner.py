@@ -19,12 +19,14 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 from usbench import records, suite
 from usbench.agents import zoo
 from usbench.agents.hyperparameters import check_seed, unknown
+from usbench.atomic import atomic_path
 from usbench.envs import oracle
 from usbench.envs.frames import frame_store
 from usbench.envs.guidance import check_noise
 from usbench.envs.pose import whole_number
 from usbench.evaluation import Evaluator, Recorder
-from usbench.records import ConfigurationError, Journal, TrialConfig
+from usbench.journal import Journal
+from usbench.records import ConfigurationError, TrialConfig
 from usbench.training import Progress, Silent, TrainingWatch
 
 PACKAGES = (
@@ -217,7 +219,7 @@ class _Trial:
         return records.means(pd.DataFrame([episode.as_row() for episode in played]))
 
     def _save_model(self) -> None:
-        with records.atomic_path(self.folder / records.MODEL) as path:
+        with atomic_path(self.folder / records.MODEL) as path:
             self.agent.save(path)
 
     def _give_up(self, status: str, reason: str) -> None:

@@ -8,7 +8,8 @@ from typing import Any, Protocol
 from stable_baselines3.common.callbacks import BaseCallback
 
 from usbench.evaluation import Evaluator
-from usbench.records import Episode, Journal
+from usbench.journal import Journal
+from usbench.records import Episode
 
 RECENT_EPISODES = 20
 
@@ -76,7 +77,8 @@ class TrainingWatch(BaseCallback):
         """Journal one training episode."""
         facts = dict(facts)
         self._recorded_steps += len(facts.pop("actions"))
-        self._episodes.append([Episode(episode=self._count, step=self._recorded_steps, **facts)])
+        episode = Episode(episode=self._count, step=self._recorded_steps, **facts)
+        self._episodes.append([episode.as_row()])
         self._count += 1
         self._recent.append(facts["return_"])
 
@@ -92,7 +94,7 @@ class TrainingWatch(BaseCallback):
             played = self._evaluator.play(
                 agent, checkpoint=reached[-1], step=step, deterministic=deterministic
             )
-            self._evaluations.append(played)
+            self._evaluations.append(episode.as_row() for episode in played)
             mean = sum(episode.return_ for episode in played) / len(played)
             if self._steps:
                 mode = "deterministic" if deterministic else "stochastic"
