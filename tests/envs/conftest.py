@@ -19,6 +19,53 @@ def shared_file(name):
     return path
 
 
+@pytest.fixture
+def coded(monkeypatch):
+    """Frames that tell their pose, in place of the simulator's."""
+    from coded import CodedFrames
+
+    monkeypatch.setattr("usbench.envs.guidance.frame_store", lambda *_: CodedFrames())
+
+
+@pytest.fixture(scope="session")
+def kept_frames():
+    """Simulate the frames from the poses that it is called with once, for every process of the session."""
+    from usbench.envs.bmode import Imaging
+    from usbench.envs.frames import frame_store
+    from usbench.envs.phantom import Phantom
+    from usbench.envs.probe import LinearArray
+
+    return frame_store(Phantom(), LinearArray(), Imaging()).prepare
+
+
+@pytest.fixture
+def scans(monkeypatch, tmp_path):
+    """A cache of this test alone, and the list of what was simulated."""
+    from stored import coded_scan
+
+    calls = []
+
+    def scan(phantom, pose, array, imaging):
+        calls.append(pose)
+        return coded_scan(phantom, pose, array, imaging)
+
+    monkeypatch.setenv("USBENCH_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr("usbench.envs.frames.scan", scan)
+    return calls
+
+
+@pytest.fixture
+def kept(scans):
+    """The file of a store whose frames are on disk."""
+    from stored import POSES, SCENE
+
+    from usbench.envs.frames import FrameStore
+
+    store = FrameStore(*SCENE)
+    store.prepare(POSES)
+    return store.path
+
+
 @pytest.fixture(scope="session")
 def reference():
     """RF from two independent codes, see ../shared/reference/README.md."""

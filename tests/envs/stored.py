@@ -1,0 +1,17 @@
+"""A scene whose frames are quickly made, for the tests of what is kept of them."""
+
+import numpy as np
+
+from usbench.envs.bmode import Imaging
+from usbench.envs.phantom import Phantom
+from usbench.envs.pose import Pose
+from usbench.envs.probe import LinearArray
+
+SCENE = (Phantom(), LinearArray(), Imaging())
+POSES = [Pose(x, 50, 0) for x in (-5, 0, 5)]
+
+
+def coded_scan(phantom, pose, array, imaging):
+    """Stands in for `scan`: the frame tells what it was made of."""
+    value = (pose.x_mm + 20 + pose.focal_depth_mm + phantom.seed) % 256
+    return np.full((imaging.height_px, imaging.width_px), value, np.uint8)
