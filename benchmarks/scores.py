@@ -8,11 +8,15 @@ import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from itertools import product
+from pathlib import Path
 
+import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
 from usbench import records
+
+CELL = ["algo", "task", "settings", "deterministic"]
 
 
 def train(task: str, seed: int, args: argparse.Namespace) -> None:
@@ -27,28 +31,84 @@ def train(task: str, seed: int, args: argparse.Namespace) -> None:
     )
 
 
+def trials(out: Path) -> pd.DataFrame:
+    """Return a row per finished trial: `trial`, `minutes` of training, `settings` that not all trials share.
+
+    Only trials of the same algorithm on the same task are compared.
+    """
+    states = {folder.name: records.read_state(folder) for folder in records.trial_folders(out)}
+    finished = {name: state for name, state in states.items() if state.get("status") == "finished"}
+    if not finished:
+        raise SystemExit(f"there is no finished trial in {str(out)!r}.")
+    kinds: dict[tuple[str, str], list[dict[str, object]]] = {}
+    for state in finished.values():
+        kinds.setdefault(_kind(state), []).append(_settings(state))
+    rows = []
+    for name, state in finished.items():
+        others = kinds[_kind(state)]
+        own = [
+            f"{key}={value:g}"
+            for key, value in _settings(state).items()
+            if any(key not in other or other[key] != value for other in others)
+        ]
+        minutes = state["timings"].get("training_s", 0.0) / 60
+        rows.append({"trial": name, "minutes": minutes, "settings": "\n".join(own)})
+    return pd.DataFrame(rows)
+
+
+def _kind(state: dict[str, dict[str, str]]) -> tuple[str, str]:
+    return state["config"]["algo"], state["config"]["task"]
+
+
+def _settings(state: dict[str, dict[str, object]]) -> dict[str, object]:
+    config = state["config"]
+    return {**config["hyperparameters"], **{key: config[key] for key in ("noise", "steps", "n_frames")}}
+
+
+def table(out: Path) -> Table:
+    """Return the scores after the last step: a row per agent, task, settings and kind of actions."""
+    finished = trials(out)
+    rows = records.load(out).merge(finished, on="trial")
+    rows = rows[rows["checkpoint"] == rows.groupby("trial")["checkpoint"].transform("max")]
+    scores = rows.groupby([*CELL, "seed", "trial"]).agg(
+        score=("normalized_score", "mean"), minutes=("minutes", "first")
+    )
+    n_left_out = len(records.trial_folders(out)) - len(finished)
+    caption = f"Left out: {n_left_out} unfinished." if n_left_out else None
+    columns = ("agent", "task", "settings", "actions", "seeds", "normalised score of each")
+    result = Table(*columns, caption=caption)
+    for name in ("mean", "standard\ndeviation", "minutes of\ntraining"):
+        result.add_column(name, justify="right", no_wrap=True)
+    for (algo, task, settings, greedy), cell in scores.groupby(level=CELL):
+        values = cell["score"]
+        seeds = " ".join(map(str, cell.index.get_level_values("seed")))
+        each = " ".join(f"{value:.2f}" for value in values)
+        spread = f"{values.std():.3f}" if len(values) > 1 else ""
+        actions = "greedy" if greedy else "drawn"
+        numbers = f"{values.mean():.3f}", spread, f"{cell['minutes'].mean():.1f}"
+        result.add_row(algo, task, settings, actions, seeds, each, *numbers)
+    return result
+
+
 def main() -> None:
     """Train what is missing, then print the scores of everything in the folder."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--algo", default="vpg")
     parser.add_argument("--tasks", nargs="+", default=["pp", "fp"])
-    parser.add_argument("--seeds", type=int, default=4, help="number of seeds (default 4)")
+    parser.add_argument(
+        "--seeds", type=int, default=4, help="number of seeds (default 4); 0 prints what is there"
+    )
+    parser.add_argument("--first-seed", type=int, default=0, help="the first of them (default 0)")
     parser.add_argument("--jobs", type=int, default=2, help="trials at a time (default 2)")
     parser.add_argument("--set", nargs="+", default=[], metavar="NAME=VALUE")
     parser.add_argument("--out", default="runs")
     args = parser.parse_args()
+    if min(args.seeds, args.first_seed) < 0:
+        parser.error("--seeds and --first-seed must be whole numbers of at least 0.")
+    seeds = range(args.first_seed, args.first_seed + args.seeds)
     with ThreadPoolExecutor(args.jobs) as pool:
-        list(pool.map(lambda trial: train(*trial, args), product(args.tasks, range(args.seeds))))
-
-    rows = records.load(args.out)
-    rows = rows[rows["checkpoint"] == rows.groupby("trial")["checkpoint"].transform("max")]
-    means = rows.groupby(["algo", "task", "deterministic", "trial"])["normalized_score"].mean()
-    table = Table("agent", "task", "actions", "seeds", "normalised score of each", "mean")
-    for (algo, task, greedy), values in means.groupby(level=[0, 1, 2]):
-        each = " ".join(f"{value:.2f}" for value in values)
-        actions = "greedy" if greedy else "drawn"
-        table.add_row(algo, task, actions, str(len(values)), each, f"{values.mean():.3f}")
-    Console(width=110).print(table)
+        list(pool.map(lambda trial: train(*trial, args), product(args.tasks, seeds)))
+    Console(width=110).print(table(Path(args.out)))
 
 
 if __name__ == "__main__":
