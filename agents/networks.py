@@ -1,10 +1,13 @@
 """The convolutional trunk that every agent looks through: observations in, features out."""
 
+from typing import Self
+
 import numpy as np
 import torch
 from gymnasium import spaces
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
+from torch.nn import functional
 
 from usbench.agents.fused import norm_relu_pool
 
@@ -35,15 +38,17 @@ class ConvTrunk(BaseFeaturesExtractor):
     Source: Jarosik and Lewandowski (2019), section II-B.
     """
 
-    def __init__(self, observation_space: spaces.Box) -> None:
-        """Builds the trunk for images of `observation_space`, at least 4 x 4 pixels."""
+    def __init__(self, observation_space: spaces.Box, batch_statistics: bool = True) -> None:
+        """Builds the trunk for images of `observation_space`, at least 4 x 4 pixels, as `Block` says."""
         self._channels_first = channels_first(observation_space)
         shape = observation_space.shape
         n_channels, height, width = shape if self._channels_first else (shape[2], shape[0], shape[1])
         if min(height, width) < 4:
             raise ValueError(f"images must have at least 4 x 4 pixels, not {height} x {width}.")
         super().__init__(observation_space, CHANNELS[-1] * (height // 4) * (width // 4))
-        self.blocks = nn.Sequential(Block(n_channels, CHANNELS[0]), Block(*CHANNELS))
+        self.blocks = nn.Sequential(
+            Block(n_channels, CHANNELS[0], batch_statistics), Block(*CHANNELS, batch_statistics)
+        )
 
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
         """Features `(n, features_dim)` of a batch of images."""
@@ -54,18 +59,73 @@ class ConvTrunk(BaseFeaturesExtractor):
 
 
 class Block(nn.Sequential):
-    """3x3 convolution -> batch norm -> ReLU -> 2x2 max-pool: halves height and width of `(n, n_in, h, w)`."""
+    """3x3 convolution -> batch norm -> ReLU -> 2x2 max-pool: halves height and width of `(n, n_in, h, w)`.
 
-    def __init__(self, n_in: int, n_out: int) -> None:
+    Acting, batch norm takes its running statistics. Learning, it takes those of the batch; or, without
+    `batch_statistics`, still the running ones, so that the loss sees the network that acted: PPO's ratio then
+    begins at 1, TRPO's divergence at 0, and a Q-network meets its target in the same terms. The first batch
+    after each `train()` then moves the running statistics, for the time after the update; the update itself
+    goes on with those that it began with.
+    """
+
+    def __init__(self, n_in: int, n_out: int, batch_statistics: bool = True) -> None:
         """Builds the layers; the convolution needs no bias, since batch norm takes away any constant."""
         convolution = nn.Conv2d(n_in, n_out, kernel_size=3, padding=1, bias=False)
         super().__init__(convolution, nn.BatchNorm2d(n_out), nn.ReLU(), nn.MaxPool2d(2))
+        self.batch_statistics = batch_statistics
+        self._held: tuple[torch.Tensor, torch.Tensor] | None = None
+
+    def train(self, mode: bool = True) -> Self:
+        """As in PyTorch; the update that begins or ends here lets go of the statistics that it held."""
+        self._held = None
+        return super().train(mode)
 
     def forward(self, images: torch.Tensor) -> torch.Tensor:
-        """The layers one after the other; in a training step the last three in one."""
+        """The layers one after the other: as layers, in one step, or folded into the convolution."""
         convolution, norm, relu, pool = self
         assert isinstance(norm, nn.BatchNorm2d)
-        if self.training and torch.is_grad_enabled() and bool((norm.weight > 0).all()):
+        result: torch.Tensor
+        if not (self.training and torch.is_grad_enabled()):
+            return self._folded(images)
+        if not self.batch_statistics:
+            if self._held is None:
+                self._held = _copy(norm)
+                with torch.no_grad():
+                    _move_statistics(norm, convolution(images))
+            return self._folded(images)
+        if bool((norm.weight > 0).all()):
             return norm_relu_pool(convolution(images), norm)
-        result: torch.Tensor = pool(relu(norm(convolution(images))))
+        result = pool(relu(norm(convolution(images))))
         return result
+
+    def _folded(self, images: torch.Tensor) -> torch.Tensor:
+        """The layers with the held or else the running statistics, batch norm as part of the convolution."""
+        convolution, norm, relu, pool = self
+        assert isinstance(convolution, nn.Conv2d) and isinstance(norm, nn.BatchNorm2d)
+        mean, var = self._held or _copy(norm)
+        scale = norm.weight * torch.rsqrt(var + norm.eps)
+        weight = convolution.weight * scale[:, None, None, None]
+        maps = functional.conv2d(images, weight, norm.bias - mean * scale, padding=1)
+        # Pooling first: the same result, with a quarter of the pixels left for ReLU.
+        result: torch.Tensor = relu(pool(maps))
+        return result
+
+
+def _copy(norm: nn.BatchNorm2d) -> tuple[torch.Tensor, torch.Tensor]:
+    """A copy of the running mean and variance."""
+    assert norm.running_mean is not None and norm.running_var is not None
+    return norm.running_mean.clone(), norm.running_var.clone()
+
+
+def _move_statistics(norm: nn.BatchNorm2d, maps: torch.Tensor) -> None:
+    """Moves the running statistics towards those of `maps`: by the momentum, in the beginning further."""
+    assert norm.running_mean is not None and norm.running_var is not None
+    assert norm.num_batches_tracked is not None and norm.momentum is not None
+    pixels = maps.permute(0, 2, 3, 1).flatten(0, 2)
+    mean = pixels.mean(0)
+    # The second moments as a matrix product: several times as fast as a sum of squares.
+    var = ((pixels.T @ pixels).diagonal() / len(pixels) - mean.square()).clamp_(min=0.0)
+    norm.num_batches_tracked.add_(1)
+    share = max(norm.momentum, 1.0 / int(norm.num_batches_tracked))
+    norm.running_mean.lerp_(mean, share)
+    norm.running_var.lerp_(var, share)

@@ -16,10 +16,19 @@ class Entry:
     policy: str | None = None
     hyperparameters: Mapping[str, Value] = field(default_factory=dict)
     policy_kwargs: Mapping[str, Any] = field(default_factory=dict)
+    kwargs: Mapping[str, Any] = field(default_factory=dict)
     tasks: Mapping[str, Mapping[str, Value]] = field(default_factory=dict)
     presets: Mapping[str, Mapping[str, Value]] = field(default_factory=dict)
     learns: bool = True
 
+
+# Every network is a trunk and one fully connected output.
+TRUNK = {"features_extractor_class": "usbench.agents.networks:ConvTrunk", "net_arch": []}
+# Policy and value apart, as in VPG: errors of values, tens in size, would drown the policy in a shared trunk.
+SEPARATE = {**TRUNK, "share_features_extractor": False}
+# Losses that compare with what the network said while it acted, or with a target network: see `Block`.
+RUNNING = {"features_extractor_kwargs": {"batch_statistics": False}}
+REPLAY = {"replay_buffer_class": "usbench.agents.frame_buffer:FrameReplayBuffer"}
 
 ZOO: dict[str, Entry] = {
     "vpg": Entry(
@@ -38,6 +47,120 @@ ZOO: dict[str, Entry] = {
         },
         tasks={"fp": {"gae_lambda": 0.95}, "pp": {"gae_lambda": 0.97}},
         presets={"spinup": {"n_value_steps": 80}},
+    ),
+    "a2c": Entry(
+        cls="stable_baselines3:A2C",
+        policy="MlpPolicy",
+        policy_kwargs=SEPARATE,
+        hyperparameters={
+            "learning_rate": 1e-4,
+            "n_steps": 64,
+            "gamma": 0.9,
+            "gae_lambda": 0.95,
+            "ent_coef": 0.01,
+            "vf_coef": 0.5,
+            "max_grad_norm": 0.5,
+            "normalize_advantage": True,
+            "use_rms_prop": True,
+        },
+    ),
+    "ppo": Entry(
+        cls="stable_baselines3:PPO",
+        policy="MlpPolicy",
+        policy_kwargs=SEPARATE | RUNNING,
+        hyperparameters={
+            "learning_rate": 1e-4,
+            "n_steps": 256,
+            "batch_size": 64,
+            "n_epochs": 4,
+            "gamma": 0.9,
+            "gae_lambda": 0.95,
+            "clip_range": 0.2,
+            "ent_coef": 0.01,
+            "vf_coef": 0.5,
+            "max_grad_norm": 0.5,
+            "normalize_advantage": True,
+        },
+    ),
+    "dqn": Entry(
+        cls="stable_baselines3:DQN",
+        policy="MlpPolicy",
+        policy_kwargs=TRUNK | RUNNING,
+        kwargs=REPLAY,
+        hyperparameters={
+            "learning_rate": 1e-4,
+            # The paper's whole budget: nothing is forgotten.
+            "buffer_size": 16_064,
+            "learning_starts": 500,
+            "batch_size": 32,
+            "gamma": 0.9,
+            "train_freq": 4,
+            "gradient_steps": 1,
+            "target_update_interval": 500,
+            "tau": 1.0,
+            "exploration_fraction": 0.3,
+            "exploration_initial_eps": 1.0,
+            "exploration_final_eps": 0.05,
+            "max_grad_norm": 10.0,
+        },
+    ),
+    "qrdqn": Entry(
+        cls="sb3_contrib:QRDQN",
+        policy="MlpPolicy",
+        policy_kwargs=TRUNK | RUNNING | {"n_quantiles": 50},
+        kwargs=REPLAY,
+        hyperparameters={
+            "learning_rate": 1e-4,
+            "buffer_size": 16_064,
+            "learning_starts": 500,
+            "batch_size": 32,
+            "gamma": 0.9,
+            "train_freq": 4,
+            "gradient_steps": 1,
+            "target_update_interval": 500,
+            "tau": 1.0,
+            "exploration_fraction": 0.3,
+            "exploration_initial_eps": 1.0,
+            "exploration_final_eps": 0.05,
+            "max_grad_norm": 10.0,
+        },
+    ),
+    "trpo": Entry(
+        cls="sb3_contrib:TRPO",
+        policy="MlpPolicy",
+        policy_kwargs=SEPARATE | RUNNING,
+        hyperparameters={
+            "learning_rate": 1e-3,
+            "n_steps": 512,
+            "batch_size": 64,
+            "gamma": 0.9,
+            "gae_lambda": 0.95,
+            "target_kl": 0.01,
+            "cg_max_steps": 5,
+            "cg_damping": 0.1,
+            # The graph of second derivatives of the whole rollout would take gigabytes.
+            "sub_sampling_factor": 4,
+            "n_critic_updates": 4,
+            "normalize_advantage": True,
+        },
+    ),
+    "recurrent_ppo": Entry(
+        cls="sb3_contrib:RecurrentPPO",
+        policy="MlpLstmPolicy",
+        policy_kwargs=SEPARATE | RUNNING | {"lstm_hidden_size": 64},
+        hyperparameters={
+            "learning_rate": 1e-4,
+            "n_steps": 256,
+            "batch_size": 64,
+            "n_epochs": 4,
+            "gamma": 0.9,
+            "gae_lambda": 0.95,
+            "clip_range": 0.2,
+            "ent_coef": 0.01,
+            "vf_coef": 0.5,
+            "max_grad_norm": 0.5,
+            "normalize_advantage": True,
+        },
     ),
     "random": Entry(cls="usbench.agents.baselines:Random", learns=False),
     "stay": Entry(cls="usbench.agents.baselines:Stay", learns=False),
@@ -75,22 +198,43 @@ def hyperparameters(
         if name not in row.hyperparameters or name not in RANGES:
             raise unknown(f"hyperparameter of {algo}", name, row.hyperparameters)
         merged[name] = parse(name, value) if isinstance(value, str) else check(name, value)
+    if merged.get("n_steps", 0) % merged.get("batch_size", 1):
+        raise ValueError(
+            f"n_steps must be a multiple of batch_size, which {merged['n_steps']} is not "
+            f"of {merged['batch_size']}."
+        )
     return merged
 
 
 def make(algo: str, env: Any, seed: int, hyperparameters: Mapping[str, Value], **kwargs: Any) -> Any:
     """The model of `algo` on `env`: has SB3's `learn`, `predict`, `save` and `load`.
 
-    `kwargs` go to its constructor; `policy` and `policy_kwargs` there replace the row's (the oracle needs its
-    `policy`).
+    On a vector of environments an update still takes `n_steps` steps in all, and as many updates are made per
+    step. `kwargs` go to the constructor; `policy` and `policy_kwargs` there replace the row's (the oracle
+    needs its `policy`).
+
+    Raises:
+        ValueError: the number of environments does not divide `n_steps`.
     """
     row = entry(algo)
     policy = _resolved(kwargs.pop("policy", row.policy))
-    if row.policy_kwargs:
-        kwargs.setdefault(
-            "policy_kwargs", {key: _resolved(value) for key, value in row.policy_kwargs.items()}
-        )
-    return model_class(algo)(policy, env, seed=check_seed(seed), **hyperparameters, **kwargs)
+    fixed = {**({"policy_kwargs": row.policy_kwargs} if row.policy_kwargs else {}), **row.kwargs}
+    kwargs = {**{name: _resolved(value) for name, value in fixed.items()}, **kwargs}
+    shared = _shared(hyperparameters, getattr(env, "num_envs", 1))
+    return model_class(algo)(policy, env, seed=check_seed(seed), **shared, **kwargs)
+
+
+def _shared(hyperparameters: Mapping[str, Value], n_envs: int) -> dict[str, Value]:
+    """What Stable-Baselines3 counts per environment, so that `n_envs` of them do together what is asked."""
+    shared = dict(hyperparameters)
+    if "n_steps" in shared:
+        n_steps, rest = divmod(int(shared["n_steps"]), n_envs)
+        if rest:
+            raise ValueError(f"n_steps must be a multiple of {n_envs} environments, not {shared['n_steps']}.")
+        shared["n_steps"] = n_steps
+    if "gradient_steps" in shared:
+        shared["gradient_steps"] = int(shared["gradient_steps"]) * n_envs
+    return shared
 
 
 def model_class(algo: str) -> Any:
@@ -99,7 +243,9 @@ def model_class(algo: str) -> Any:
 
 
 def _resolved(value: Any) -> Any:
-    """What the text "module:name" stands for; anything else unchanged."""
+    """What the text "module:name" stands for, also inside a mapping; anything else unchanged."""
+    if isinstance(value, Mapping):
+        return {key: _resolved(inner) for key, inner in value.items()}
     if not isinstance(value, str) or ":" not in value:
         return value
     module, name = value.split(":")

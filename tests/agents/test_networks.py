@@ -46,6 +46,88 @@ def test_policy_and_value_share_no_parameter_and_together_are_all() -> None:
     assert policy.value_net.weight in of_value
 
 
+def with_statistics(trunk: ConvTrunk) -> ConvTrunk:
+    norm = trunk.blocks[0][1]
+    with torch.no_grad():
+        # A negative scale turns the order of pixels round before pooling, and zero makes a channel constant.
+        norm.weight.copy_(torch.linspace(-1, 1, 16))
+        norm.weight[3] = 0.0
+        norm.bias.copy_(torch.linspace(-0.5, 0.5, 16))
+        norm.running_mean.fill_(0.1)
+        norm.running_var.fill_(2.0)
+    return trunk
+
+
+@pytest.mark.parametrize("training", [False, True])
+def test_learning_without_batch_statistics_is_the_textbook_formula_too(training: bool) -> None:
+    torch.manual_seed(0)
+    trunk = with_statistics(ConvTrunk(FRAMES, batch_statistics=False)).train(training)
+    conv, norm = trunk.blocks[0][0], trunk.blocks[0][1]
+    images = torch.randn(3, 90, 40, 4)
+    with torch.no_grad():
+        maps = conv(images.permute(0, 3, 1, 2))
+        column = (slice(None), None, None)
+        maps = (maps - 0.1) / (2.0 + norm.eps) ** 0.5
+        maps = torch.relu(maps * norm.weight[column] + norm.bias[column])
+        expected = maps.reshape(3, 16, 45, 2, 20, 2).amax((3, 5))
+    found = trunk.blocks[0](images.permute(0, 3, 1, 2))
+    assert found.requires_grad
+    torch.testing.assert_close(found, expected, rtol=1e-4, atol=1e-5)
+
+
+def test_gradients_are_those_of_the_layers_one_by_one() -> None:
+    torch.manual_seed(0)
+    folded = with_statistics(ConvTrunk(FRAMES, batch_statistics=False)).blocks[0].double().train()
+    plain = nn.Sequential(*Block(4, 16).double()).eval()
+    plain.load_state_dict(folded.state_dict())
+    images = torch.randn(6, 4, 45, 20).double()
+    inputs = [images.clone().requires_grad_() for _ in range(2)]
+    outputs = [folded(inputs[0]), plain(inputs[1])]
+    torch.testing.assert_close(outputs[0], outputs[1])
+    towards = torch.randn_like(outputs[0])
+    for output in outputs:
+        (output * towards).sum().backward()
+    torch.testing.assert_close(inputs[0].grad, inputs[1].grad)
+    for one, other in zip(folded.parameters(), plain.parameters(), strict=True):
+        torch.testing.assert_close(one.grad, other.grad)
+
+
+def test_first_batch_of_an_update_moves_the_statistics_and_the_update_does_not_see_it() -> None:
+    torch.manual_seed(0)
+    block = Block(4, 16, batch_statistics=False).train()
+    conv, norm = block[0], block[1]
+    images, others = 3.0 + torch.randn(6, 4, 45, 20), torch.randn(6, 4, 45, 20)
+    maps = [conv(batch).detach() for batch in (images, others)]
+    means = [batch.mean((0, 2, 3)) for batch in maps]
+    with torch.no_grad():
+        before = block(images)
+    assert int(norm.num_batches_tracked) == 0
+    for batch, expected in ((images, before), (others, None), (images, before)):
+        # The second batch of an update moves nothing, and the third looks as the first did.
+        found = block(batch)
+        if expected is not None:
+            torch.testing.assert_close(found, expected)
+        torch.testing.assert_close(norm.running_mean, means[0], rtol=1e-4, atol=1e-5)
+        torch.testing.assert_close(
+            norm.running_var, maps[0].var((0, 2, 3), correction=0), rtol=1e-3, atol=1e-5
+        )
+    assert not torch.allclose(block.eval()(images), before)
+    block.train()(others)
+    # The second update: the mean of both; from the tenth on, the momentum of 0.1.
+    torch.testing.assert_close(norm.running_mean, (means[0] + means[1]) / 2, rtol=1e-4, atol=1e-5)
+    for _ in range(20):
+        block.train()(others)
+    start = norm.running_mean.clone()
+    block.train()(images)
+    torch.testing.assert_close(norm.running_mean, 0.9 * start + 0.1 * means[0], rtol=1e-4, atol=1e-5)
+
+
+def test_second_derivatives_exist() -> None:
+    block = Block(1, 16, batch_statistics=False).double().train()
+    inputs = torch.randn(2, 1, 6, 6).double().requires_grad_()
+    assert torch.autograd.gradgradcheck(block, inputs)
+
+
 @pytest.mark.parametrize("training", [False, True])
 def test_forward_is_the_textbook_formula(training: bool) -> None:
     torch.manual_seed(0)
@@ -58,17 +140,16 @@ def test_forward_is_the_textbook_formula(training: bool) -> None:
         norm.running_mean.fill_(0.1)
         norm.running_var.fill_(2.0)
     images = torch.randn(3, 90, 40, 4)
+    found = trunk.blocks[0](images.permute(0, 3, 1, 2))
     with torch.no_grad():
         maps = conv(images.permute(0, 3, 1, 2))
-        mean = maps.mean((0, 2, 3)) if training else norm.running_mean.clone()
-        var = maps.var((0, 2, 3), correction=0) if training else norm.running_var.clone()
+        mean = maps.mean((0, 2, 3)) if training else torch.full((16,), 0.1)
+        var = maps.var((0, 2, 3), correction=0) if training else torch.full((16,), 2.0)
         column = (slice(None), None, None)
         maps = (maps - mean[column]) / torch.sqrt(var[column] + norm.eps)
         maps = torch.relu(maps * norm.weight[column] + norm.bias[column])
         expected = maps.reshape(3, 16, 45, 2, 20, 2).amax((3, 5))
-        torch.testing.assert_close(
-            trunk.blocks[0](images.permute(0, 3, 1, 2)), expected, rtol=1e-4, atol=1e-5
-        )
+    torch.testing.assert_close(found, expected, rtol=1e-4, atol=1e-5)
 
 
 @pytest.mark.parametrize("size", [(90, 40), (45, 20), (5, 7)])

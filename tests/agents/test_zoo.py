@@ -127,10 +127,49 @@ def test_refuses_overrides(overrides: dict[str, object], words: str) -> None:
     assert "\n" not in str(caught.value)
 
 
+# Stable-Baselines3 takes every one of these without a word, and trains on it or breaks later.
+@pytest.mark.parametrize(
+    ("algo", "name", "text"),
+    [
+        ("ppo", "gamma", "2.0"),
+        ("ppo", "clip_range", "-0.2"),
+        ("ppo", "ent_coef", "-1"),
+        ("ppo", "vf_coef", "nan"),
+        ("ppo", "max_grad_norm", "0"),
+        ("ppo", "n_epochs", "0"),
+        ("ppo", "batch_size", "1"),
+        ("ppo", "normalize_advantage", "yes"),
+        ("a2c", "use_rms_prop", "1"),
+        ("dqn", "buffer_size", "0"),
+        ("dqn", "learning_starts", "-1"),
+        ("dqn", "train_freq", "0"),
+        ("dqn", "gradient_steps", "-1"),
+        ("dqn", "target_update_interval", "0"),
+        ("dqn", "tau", "1.1"),
+        ("dqn", "exploration_fraction", "0"),
+        ("dqn", "exploration_initial_eps", "2"),
+        ("qrdqn", "exploration_final_eps", "-0.1"),
+        ("trpo", "target_kl", "0"),
+        ("trpo", "cg_max_steps", "0"),
+        ("trpo", "cg_damping", "-0.1"),
+        ("trpo", "sub_sampling_factor", "0"),
+        ("trpo", "n_critic_updates", "2.5"),
+    ],
+)
+def test_refuses_what_stable_baselines_would_take(algo: str, name: str, text: str) -> None:
+    with pytest.raises((ValueError, TypeError), match=f"^{name} must be .*, not .*{text}"):
+        zoo.hyperparameters(algo, "pp", {name: text})
+
+
+def test_refuses_a_batch_that_does_not_divide_the_rollout() -> None:
+    with pytest.raises(ValueError, match="n_steps must be a multiple of batch_size, which 256 is not of 100"):
+        zoo.hyperparameters("ppo", "pp", {"batch_size": "100"})
+
+
 def test_refuses_unknown_names() -> None:
     with pytest.raises(ValueError, match="unknown algorithm 'vgp': did you mean 'vpg'?"):
         zoo.hyperparameters("vgp", "pp", {})
-    with pytest.raises(ValueError, match="allowed are oracle, random, stay, vpg"):
+    with pytest.raises(ValueError, match="allowed are a2c, .*, oracle, .*, vpg"):
         zoo.make("", Noise(), 0, {})
     with pytest.raises(ValueError, match="unknown preset of vpg 'spinupp': did you mean 'spinup'?"):
         zoo.hyperparameters("vpg", "pp", {}, preset="spinupp")
@@ -155,18 +194,17 @@ def test_make_vpg_from_the_table() -> None:
 
 
 def test_an_sb3_algorithm_is_one_more_row(monkeypatch: pytest.MonkeyPatch) -> None:
-    trunk = {"features_extractor_class": "usbench.agents.networks:ConvTrunk", "net_arch": []}
-    for algo, name, values in (
-        ("a2c", "stable_baselines3:A2C", {"n_steps": 8, "gamma": 0.9}),
-        ("dqn", "stable_baselines3:DQN", {"gamma": 0.9}),
-    ):
-        row = zoo.Entry(cls=name, policy="CnnPolicy", hyperparameters=values, policy_kwargs=trunk)
-        monkeypatch.setitem(zoo.ZOO, algo, row)
-        merged = zoo.hyperparameters(algo, "pp", {"gamma": "0.5"})
-        kwargs = {"buffer_size": 100} if algo == "dqn" else {}
-        model = zoo.make(algo, Noise(), 0, merged, device="cpu", **kwargs).learn(32)
-        assert model.gamma == 0.5
-        assert any(type(module).__name__ == "ConvTrunk" for module in model.policy.modules())
+    row = zoo.Entry(
+        cls="stable_baselines3:A2C",
+        policy="MlpPolicy",
+        hyperparameters={"n_steps": 8, "gamma": 0.9},
+        policy_kwargs=zoo.TRUNK,
+    )
+    monkeypatch.setitem(zoo.ZOO, "mine", row)
+    merged = zoo.hyperparameters("mine", "pp", {"gamma": "0.5"})
+    model = zoo.make("mine", Noise(), 0, merged, device="cpu").learn(32)
+    assert model.gamma == 0.5
+    assert any(type(module).__name__ == "ConvTrunk" for module in model.policy.modules())
 
 
 def test_listing_the_table_does_not_import_torch() -> None:
