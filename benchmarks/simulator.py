@@ -1,12 +1,14 @@
 """Accuracy and speed of the simulator, as a table: `make bench-sim`.
 
 The accuracy is that against RF of an independent code (esdiva 0.3.0, the Field II method), which lies beside
-the repository in ../shared/reference and is not part of it; without it these rows are left out.
+the repository in ../shared/reference and is not part of it; without it these rows are left out. The ratio of
+the speeds needs that code itself, the extra `bench`.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import os
 import resource
 import statistics
@@ -22,7 +24,7 @@ import numpy.typing as npt
 from rich.console import Console
 from rich.table import Table
 
-from usbench.envs.bmode import DEFAULT_IMAGING, envelope, log_compress
+from usbench.envs.bmode import DEFAULT_IMAGING, bmode, envelope, log_compress
 from usbench.envs.focal_point import FOCAL_POINT
 from usbench.envs.frames import FrameStore
 from usbench.envs.phantom import Phantom
@@ -45,7 +47,7 @@ def correlation(a: Floats, b: Floats) -> float:
 
 def accuracy() -> Iterator[Row]:
     """Compare RF, single points and images with the reference."""
-    data = np.load(REFERENCE)
+    data = dict(np.load(REFERENCE))
     for i, (focus, asked, asked_line) in enumerate(((50, 0.998, 0.98), (20, 0.996, 0.97))):
         rf, time_s = simulate_rf(
             data["points"], data["amplitudes"], DEFAULT_ARRAY, focus * 1e-3, data["x_lines"]
@@ -63,14 +65,28 @@ def accuracy() -> Iterator[Row]:
             f"{asked_line}",
         )
 
-        images = [log_compress(envelope(signals), 60.0) for signals in (ours, theirs)]
-        seen = images[1] > 20.0
-        rms = float(np.sqrt(np.square(images[0] - images[1])[seen].mean()))
-        yield f"60 dB image, focus {focus} mm, rms above -40 dB", f"{rms:.2f} dB", "at most 1 dB"
+        envelopes = [log_compress(envelope(signals), 60.0) for signals in (ours, theirs)]
+        yield image_row(f"60 dB image, focus {focus} mm: rms above -40 dB", *frames(data, ours, theirs))
+        yield image_row(f"the same, envelope on its own samples, focus {focus} mm", *envelopes)
         yield from points(data, i, focus, float(np.sqrt(np.square(theirs).sum() / np.square(ours).sum())))
 
 
-def points(data: npt.NDArray[np.float64], i: int, focus: int, gain: float) -> Iterator[Row]:
+def frames(data: dict[str, Floats], *signals: Floats) -> list[Floats]:
+    """Return the frames in dB above black that the product's chain makes of RF at the reference's lines."""
+    return [
+        bmode(rf, DEFAULT_ARRAY.rf_sampling_frequency, data["x_lines"], -DEFAULT_ARRAY.pulse_delay)
+        * (60 / 255)
+        for rf in signals
+    ]
+
+
+def image_row(what: str, ours: Floats, theirs: Floats) -> Row:
+    """Compare images in dB above black where the other one is above -40 dB of 60."""
+    rms = float(np.sqrt(np.square(ours - theirs)[theirs > 20.0].mean()))
+    return what, f"{rms:.2f} dB", "at most 1 dB"
+
+
+def points(data: dict[str, Floats], i: int, focus: int, gain: float) -> Iterator[Row]:
     """Compare single points within 30 dB of the strongest at their depth; all others are only counted."""
     correlations, errors_db, n = [], [], 0
     peaks = np.abs(data["pt_rf"][i]).max(axis=-1)
@@ -131,6 +147,32 @@ def scaling() -> Iterator[Row]:
     yield "time of 10 times the scatterers over that of one", f"{ten / one:.1f}", "at most 11"
 
 
+def ratio() -> Iterator[Row]:
+    """Time a frame of RF, and the same frame by esdiva right after it."""
+    from peer import Peer
+
+    if REFERENCE.exists():
+        data = np.load(REFERENCE)
+        positions, amplitudes = data["points"].astype(np.float64), data["amplitudes"].astype(np.float64)
+        lines = data["x_lines"]
+    else:
+        (positions, amplitudes), lines = Phantom().in_view(Pose()), DEFAULT_ARRAY.line_positions
+    frame = (positions, amplitudes, DEFAULT_ARRAY, 0.05, lines)
+    ours = median_seconds(lambda: simulate_rf(*frame), 15)
+    baseband = median_seconds(lambda: simulate_iq(*frame), 15)
+    signals, theirs = Peer(DEFAULT_ARRAY).frame(positions, amplitudes, 0.05, lines)
+    rf, time_s = simulate_rf(*frame)
+    step = 1 / DEFAULT_ARRAY.sampling_frequency
+    expected = np.stack(
+        [np.interp(time_s, first + np.arange(len(line)) * step, line, 0.0, 0.0) for line, first in signals], 1
+    )
+    what = f"{len(positions)} scatterers, {len(lines)} lines, focus 50 mm"
+    yield f"{what}: esdiva, fst", f"{theirs:.1f} s", ""
+    yield "the same, RF: esdiva's time over ours", f"{theirs / ours:.0f}", "1000"
+    yield "the same, I/Q, all that an image needs: esdiva's time over ours", f"{theirs / baseband:.0f}", ""
+    yield "correlation of both", f"{correlation(rf.astype(np.float64), expected):.5f}", "0.998"
+
+
 def all_frames() -> None:
     """Simulate all frames of both tasks and print seconds for PP, for both, and the peak memory in MB."""
     response_table.cache_clear()
@@ -170,15 +212,22 @@ def main() -> None:
         return
     table = Table("what", "measured", "asked", title="The simulator")
     parts = [speed(args.repeats), scaling(), from_nothing()]
+    left_out = []
     if REFERENCE.exists():
         parts.insert(0, accuracy())
+    else:
+        left_out.append(f"No accuracy: {REFERENCE} is not there.")
+    if importlib.util.find_spec("esdiva"):
+        parts.append(ratio())
+    else:
+        left_out.append("No ratio to esdiva: it is not installed (pip install -e '.[bench]').")
     for part in parts:
         for row in part:
             table.add_row(*row)
         table.add_section()
     Console(width=110).print(table)
-    if not REFERENCE.exists():
-        print(f"No accuracy: {REFERENCE} is not there.")
+    for line in left_out:
+        print(line)
 
 
 if __name__ == "__main__":
