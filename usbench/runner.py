@@ -3,7 +3,7 @@
 import contextlib
 import platform
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -33,6 +33,7 @@ PACKAGES = (
     "usbench",
     "gymnasium",
     "stable-baselines3",
+    "sb3-contrib",
     "torch",
     "numpy",
     "scipy",
@@ -94,6 +95,15 @@ def resolve(
             **{name: asdict(getattr(plain, name)) for name in ("phantom", "probe", "imaging")},
         },
     )
+
+
+def prepare_frames(task: str, report: Callable[[int, int], None] | None = None) -> dict[str, Any]:
+    """Simulate the frames of every pose that the task can reach, unless kept; return what identifies them."""
+    plain: Any = suite.make_env(task).unwrapped
+    states = suite.TASKS[task].guidance.states
+    store = frame_store(plain.phantom, plain.probe, plain.imaging)
+    store.prepare(states, report)
+    return {"digest": store.digest(states), "poses": len(states)}
 
 
 def run_trial(
@@ -160,13 +170,8 @@ class _Trial:
             raise TrialError(f"the trial in {str(self.folder)!r} failed: {reason}") from error
 
     def _frames(self) -> None:
-        """Simulate the frames of every pose that the task can reach, unless they are kept already."""
-        plain: Any = suite.make_env(self.config.task).unwrapped
-        states = suite.TASKS[self.config.task].guidance.states
-        store = frame_store(plain.phantom, plain.probe, plain.imaging)
         with self._timed("frames_s"):
-            store.prepare(states, self.progress.frames)
-        self.state["frames"] = {"digest": store.digest(states), "poses": len(states)}
+            self.state["frames"] = prepare_frames(self.config.task, self.progress.frames)
         self._write()
 
     def _train_and_evaluate(self) -> None:
