@@ -76,4 +76,4 @@ def test_environments_import_only_environments(path):
 @pytest.mark.parametrize("name", READERS)
 def test_readers_of_records_import_no_torch(name):
     code = f"import {name}, sys; sys.exit('torch' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code]).returncode == 0
+    assert subprocess.run([sys.executable, "-P", "-c", code]).returncode == 0

@@ -209,7 +209,7 @@ def test_an_sb3_algorithm_is_one_more_row(monkeypatch: pytest.MonkeyPatch) -> No
 
 def test_listing_the_table_does_not_import_torch() -> None:
     code = "import sys; from usbench.agents import zoo; zoo.entry('vpg'); print('torch' in sys.modules)"
-    result = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    result = subprocess.run([sys.executable, "-P", "-c", code], check=True, capture_output=True, text=True)
     assert result.stdout == "False\n"
 
 
