@@ -1,16 +1,25 @@
 """What a worker process of the tests begins with: drawn frames in place of simulated ones, and accidents."""
 
+import importlib.util
 import os
 import signal
+from pathlib import Path
 
 import pytest
 
 
-def quick():
-    """Make trials of this process quick, as the fixture of that name does."""
-    import conftest
+def speed_up(monkeypatch):
+    """Make trials quick, as the fixture of that name does, outside of a test."""
+    # By its path: other folders have a conftest too.
+    spec = importlib.util.spec_from_file_location("first_conftest", Path(__file__).with_name("conftest.py"))
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    module.speed_up(monkeypatch)
 
-    conftest.speed_up(pytest.MonkeyPatch())
+
+def quick():
+    """Make trials of this process quick."""
+    speed_up(pytest.MonkeyPatch())
 
 
 def dying():
