@@ -119,9 +119,9 @@ def clear() -> tuple[int, int]:
 def _checksum(name: str, contents: Contents) -> str:
     """Return a hash of what a file holds, shapes included, and of its name: a renamed file is foreign."""
     poses, frames = contents.poses, contents.frames
-    header = (name, contents.scene, contents.simulator)
-    header += (poses.shape, poses.dtype.str, frames.shape, frames.dtype.str)
-    return hashlib.sha256(repr(header).encode() + poses.tobytes() + frames.tobytes()).hexdigest()
+    shapes = (poses.shape, poses.dtype.str, frames.shape, frames.dtype.str)
+    header = repr((name, contents.scene, contents.simulator, shapes)).encode()
+    return hashlib.sha256(header + poses.tobytes() + frames.tobytes()).hexdigest()
 
 
 def _files(folder: Path, pattern: str) -> list[tuple[float, int, Path]]:
