@@ -1,0 +1,93 @@
+"""Figures from results alone: drawn where there is something to draw, the same bytes again."""
+
+import pytest
+from PIL import Image
+from tables import seeds, tables, trial
+
+from usbench import drawing, figures, paper_figures
+
+GRID = [
+    row
+    for algo, score in (("vpg", 0.5), ("ppo", 0.9))
+    for task in ("fp", "pp")
+    for noise in (0.0, 0.5)
+    for row in seeds(algo, [score - noise / 5, score - noise / 4, score], task=task, noise=noise)
+]
+NAMES = ["scores", "learning_curves", "performance_profiles", "improvement", "figure4", "figure5"]
+
+
+def test_every_figure_is_drawn_and_the_same_bytes_again(tmp_path):
+    known = tables(*GRID, trial("random", 0.0))
+    paths = figures.write(known, tmp_path / "a")
+    assert [path.name for path in paths] == [f"{name}.png" for name in NAMES]
+    for path, again in zip(paths, figures.write(known, tmp_path / "b"), strict=True):
+        assert path.read_bytes() == again.read_bytes()
+        with Image.open(path) as image:
+            assert image.width >= 800 and len(image.convert("L").getcolors()) > 10
+
+
+@pytest.mark.parametrize("kind", ["svg", "pdf"])
+def test_vector_formats_are_the_same_bytes_again(tmp_path, kind):
+    figure = figures.performance_profiles(tables(*GRID))
+    first = drawing.save(figure, tmp_path / f"a.{kind}").read_bytes()
+    assert drawing.save(figure, tmp_path / f"b.{kind}").read_bytes() == first
+
+
+@pytest.mark.parametrize(
+    ("trials", "names"),
+    [
+        ([], []),
+        ([trial("vpg", status="running")], []),
+        ([trial("oracle", 1.0)], ["scores"]),
+        ([trial("vpg", 0.5)], [name for name in NAMES if name != "improvement"]),
+        # One seed each: no interval anywhere.
+        ([trial("vpg", 0.5), trial("ppo", 0.7)], NAMES),
+    ],
+    ids=["nothing", "unfinished", "not learned", "one agent", "one seed"],
+)
+def test_only_what_there_is_to_draw(tmp_path, trials, names):
+    assert [path.stem for path in figures.write(tables(*trials), tmp_path)] == names
+
+
+def test_paper_figures_draw_mean_and_deviation_over_seeds():
+    figure = paper_figures.figure4(tables(*seeds("vpg", [0.2, 0.4])))
+    (axis,) = figure.axes
+    (bars,) = axis.containers
+    line, _, (sticks,) = bars.lines
+    # The last fiftieth: returns -21 + 16 * 0.2 and -21 + 16 * 0.4, so that they lie 3.2 apart.
+    assert line.get_ydata()[-1] == pytest.approx(-21 + 16 * 0.3)
+    low, high = sticks.get_segments()[-1][:, 1]
+    assert len(sticks.get_segments()) == paper_figures.BARS
+    assert (high - low) / 2 == pytest.approx(3.2 / 2**0.5)
+
+
+def test_paper_figures_have_a_row_per_agent_and_a_line_per_noise():
+    figure = paper_figures.figure5(tables(*GRID))
+    titles = [axis.get_title() for axis in figure.axes]
+    assert titles[:3] == [
+        "ppo: (a) probe's plane: distance",
+        "ppo: (b) probe's plane: angle",
+        "ppo: focal point: distance",
+    ]
+    assert titles[3].startswith("vpg") and len(titles) == 6
+    assert all(len(axis.containers) == 2 for axis in figure.axes)
+
+
+def test_axes_tell_their_units():
+    known = tables(*GRID)
+    for draw in (paper_figures.figure4, paper_figures.figure5, figures.learning_curves):
+        bottom = draw(known).axes[-1]
+        assert bottom.get_xlabel() == "training steps"
+    assert "(mm)" in paper_figures.figure5(known).axes[0].get_ylabel()
+
+
+def test_styles_differ_in_colour_line_and_marker():
+    looks = drawing.styles(["g", "f", "e", "d", "c", "b", "a"])
+    for key in ("color", "linestyle", "marker"):
+        assert len({str(look[key]) for look in looks.values()}) == 7
+    assert list(looks) == sorted(looks)
+
+
+def test_unknown_format_is_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"png, svg, pdf, not 'a\.bmp'"):
+        drawing.save(figures.performance_profiles(tables(*GRID)), tmp_path / "a.bmp")

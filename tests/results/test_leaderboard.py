@@ -1,0 +1,128 @@
+"""The leaderboard: what a reader sees, and the same bytes from the same results."""
+
+import subprocess
+import sys
+
+import pandas as pd
+import pytest
+from tables import seeds, tables, trial
+
+from usbench import leaderboard, results
+
+GRID = [
+    *seeds("vpg", [0.5, 0.6, 0.7, 0.8]),
+    *seeds("ppo", [0.90, 0.91, 0.92, 0.93]),
+    trial("ppo", seed=4, status="failed", reason="OSError: disk full"),
+    trial("oracle", 1.0),
+    trial("random", -0.0001),
+]
+
+
+def lines(text, start):
+    return [line for line in text.splitlines() if line.startswith(start)]
+
+
+def test_same_results_same_bytes_whatever_their_order(tmp_path):
+    contents = []
+    for name, trials in (("a", GRID), ("b", GRID[::-1]), ("c", GRID)):
+        results.write(tables(*sorted(trials, key=lambda row: (row["algo"], row["seed"]))), tmp_path / name)
+        paths = leaderboard.write(tmp_path / name, tmp_path / name / "leaderboard.md")
+        contents.append([path.read_bytes() for path in paths])
+    assert contents[0] == contents[1] == contents[2]
+
+
+def test_opens_with_the_answer():
+    text = leaderboard.markdown(tables(*GRID))
+    title, answer = text.split("\n\n")[:2]
+    assert title == "# Leaderboard"
+    assert answer.startswith("So far (8 of 9 trials are finished) `ppo` comes closest")
+
+
+def test_rows_are_ranked_with_floor_and_ceiling_last():
+    text = leaderboard.markdown(tables(*GRID))
+    cell = text.split("## fp, noise 0")[1].split("## How")[0]
+    agents = [line.split(" | ")[0].strip("| ") for line in lines(cell, "| `")]
+    assert agents == ["`ppo`", "`vpg`", "`oracle` (not learned)", "`random` (not learned)"]
+
+
+def test_numbers_of_a_row():
+    text = leaderboard.markdown(tables(*seeds("vpg", [0.5, 0.5])))
+    row = lines(text.split("## fp, noise 0")[1], "| `vpg`")[0]
+    assert [entry.strip() for entry in row.strip("|").split("|")] == [
+        "`vpg`",
+        "2/2",
+        "0.500 [0.500, 0.500]",
+        "0.400 [0.400, 0.400]",
+        "-13.00",
+        "5.0",
+        "30.0",
+        "25",
+        "12.0",
+        "0.250",
+        "2.0",
+    ]
+    assert "optimum -5.00 (score 1), random hand -21.00 (score 0), never moving -22.60 (score -0.10)" in text
+
+
+def test_missing_seeds_are_seen_and_named():
+    text = leaderboard.markdown(tables(*GRID))
+    assert len(lines(text, "| `ppo` | 4/5 |")) == 2
+    assert "`ppo` on fp, noise 0: seed 4 failed (OSError: disk full)." in text
+
+
+def test_no_number_is_a_dash_and_minus_zero_is_zero():
+    text = leaderboard.markdown(tables(*GRID, trial("a2c", status="missing")))
+    assert "nan" not in text.lower()
+    assert "| `a2c` | 0/5 | – | – | – |" in text
+    assert (
+        "| `random` (not learned) | 1/1 | 0.000 [" not in text
+        and "| 1/1 | 0.000 |" in lines(text, "| `random`")[-1]
+    )
+    assert "-0.000" not in text
+
+
+def test_improvement_is_bold_where_it_is_sure():
+    text = leaderboard.markdown(tables(*GRID))
+    assert "| `ppo` | – | **1.00** |" in text and "| `vpg` | **0.00** | – |" in text
+    text = leaderboard.markdown(tables(*seeds("vpg", [0.1, 0.5]), *seeds("ppo", [0.2, 0.4])))
+    assert "| `ppo` | – | 0.50 |" in text
+
+
+def test_agent_outside_the_table_of_all_cells_is_explained():
+    known = tables(*seeds("vpg", [0.5, 0.6]), *seeds("vpg", [0.5, 0.6], task="pp"), trial("ppo", 0.9))
+    assert (
+        "`ppo` is not in the table of all cells: no finished trial in pp, noise 0."
+        in leaderboard.markdown(known)
+    )
+
+
+def test_configurations_of_a_cell_are_named_rows():
+    text = leaderboard.markdown(tables(trial("vpg"), trial("vpg", 0.7, configuration="00000002", trial="b")))
+    assert [line[:20] for line in lines(text, "| `vpg`")] == ["| `vpg` `00000002` |", "| `vpg` `00000001` |"]
+
+
+def test_nothing_finished_is_a_leaderboard_too(tmp_path):
+    results.write(tables(trial("vpg", status="missing", optimal=float("nan"))), tmp_path)
+    text = leaderboard.write(tmp_path, tmp_path / "leaderboard.md")[0].read_text()
+    assert "No trial has begun." in text and "| `vpg` | 0/1 |" in text
+    results.write(tables(), tmp_path)
+    assert leaderboard.write(tmp_path, tmp_path / "leaderboard.md")[0].read_text().startswith("# Leaderboard")
+
+
+def test_scores_open_in_pandas_in_one_line(tmp_path):
+    results.write(tables(*GRID), tmp_path)
+    leaderboard.write(tmp_path, tmp_path / "leaderboard.md")
+    table = pd.read_csv(tmp_path / "scores.csv", dtype={"configuration": str})
+    row = table.query("algo == 'vpg' and actions == 'greedy'").iloc[0]
+    assert (row["seeds"], row["seeds_asked"], row["score"]) == (4, 5, 0.65)
+
+
+def test_folder_without_results_is_refused(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"there is no trials\.csv"):
+        leaderboard.write(tmp_path, tmp_path / "leaderboard.md")
+
+
+@pytest.mark.parametrize("name", ["leaderboard", "figures"])
+def test_neither_torch_nor_an_environment_is_imported(name):
+    code = f"import usbench.{name}, sys; sys.exit(bool({{'torch', 'stable_baselines3'}} & set(sys.modules)))"
+    assert subprocess.run([sys.executable, "-c", code]).returncode == 0

@@ -1,0 +1,96 @@
+"""Where results come from, and what a reader has to know."""
+
+import pytest
+from tables import seeds, tables, trial
+
+from usbench import provenance
+
+
+def grid(**changes):
+    return [
+        trial(algo, task=task, noise=noise, seed=seed, **changes)
+        for algo in ("vpg", "a2c")
+        for task in ("pp", "fp")
+        for noise in (0.0, 0.25)
+        for seed in (0, 1)
+    ]
+
+
+def test_whole_grid_is_one_command():
+    trials = tables(*grid(), trial("oracle", 1.0)).trials
+    expected = "usbench compare --algos a2c vpg --tasks fp pp --noise 0 0.25 --seeds 2 --steps 16064"
+    assert provenance.command(trials) == expected
+    assert expected in provenance.making(trials)
+
+
+@pytest.mark.parametrize(
+    "trials",
+    [
+        grid()[:-1],
+        seeds("vpg", [0.5], task="fp") + [trial("vpg", seed=5)],
+        grid() + [trial("dqn", steps=32)],
+        [trial("vpg"), trial("vpg", configuration="00000002")],
+        [trial("oracle")],
+        [],
+    ],
+    ids=["hole", "seeds", "budget", "configurations", "no learner", "nothing"],
+)
+def test_what_no_single_command_makes_names_none(trials):
+    assert provenance.command(tables(*trials).trials) == ""
+
+
+def test_hours_are_those_of_finished_trials():
+    trials = tables(*seeds("vpg", [0.5] * 30), trial("vpg", seed=30, status="failed")).trials
+    assert "30 of 31 trials are finished" in provenance.making(trials)
+    assert "1.50 hours on one core, 1.00 of them training" in provenance.making(trials)
+    assert "Versions: numpy 2.0, torch 2.5." in provenance.making(trials)
+
+
+def test_nothing_unusual_needs_no_note():
+    assert provenance.notes(tables(*grid(), trial("random", 0.0)).trials) == []
+
+
+def test_unfinished_trials_are_named_with_their_reason():
+    trials = tables(
+        trial("vpg"),
+        trial("vpg", seed=1, status="missing"),
+        trial("vpg", seed=2, status="failed", reason="OSError: disk\nfull"),
+        trial("vpg", seed=3, status="interrupted"),
+        trial("vpg", seed=4, status="running"),
+    ).trials
+    assert provenance.notes(trials) == [
+        "`vpg` on fp, noise 0: seed 1 has not been run, seed 2 failed (OSError: disk full), "
+        "seed 3 was interrupted, seed 4 is running or was killed."
+    ]
+
+
+def test_configurations_are_told_apart_by_what_differs():
+    other = {"configuration": "00000002", "settings": '{"environment": "e", "gamma": 0.9}'}
+    (note,) = provenance.notes(tables(trial("vpg"), trial("vpg", **other)).trials)
+    assert "in 2 configurations" in note
+    assert "`00000001` has gamma=0.99; `00000002` has gamma=0.9." in note
+
+
+def test_different_budgets_and_seeds_are_said():
+    notes = provenance.notes(tables(trial("vpg"), trial("a2c", seed=1, steps=320)).trials)
+    assert notes == [
+        "Training budgets differ: 320 steps for a2c; 16064 steps for vpg.",
+        "On fp, noise 0 agents have different seeds: 0 / 1.",
+    ]
+
+
+def test_different_versions_and_frames_are_said():
+    trials = seeds("vpg", [0.5] * 3) + [
+        trial("vpg", seed=3, versions="numpy 2.0, torch 2.4", frames="def"),
+        trial("vpg", task="pp", seed=3, frames="other task"),
+    ]
+    assert provenance.notes(tables(*trials).trials) == [
+        "Versions of torch differ between trials: 2.5 in 4, 2.4 in 1 (`fp-p0-vpg-s3`).",
+        "Frames of fp differ between trials (their digests): abc in 3, def in 1 (`fp-p0-vpg-s3`).",
+    ]
+
+
+def test_version_that_only_some_recorded_is_said():
+    trials = [trial("vpg", seed=0), trial("vpg", seed=1), trial("vpg", seed=2, versions="")]
+    notes = provenance.notes(tables(*trials).trials)
+    assert "Versions of torch differ between trials: 2.5 in 2, not recorded in 1 (`fp-p0-vpg-s2`)." in notes

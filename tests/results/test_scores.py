@@ -1,0 +1,122 @@
+"""Cells and matrices from rows of trials."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from tables import seeds, tables, trial
+
+from usbench import scores
+
+
+def cell(known, **names):
+    rows = scores.cells(known)
+    for column, value in names.items():
+        rows = rows[rows[column] == value]
+    assert len(rows) == 1
+    return rows.iloc[0]
+
+
+def test_cell_by_hand():
+    row = cell(tables(*seeds("vpg", [0.2, 0.4, 0.6, 1.0])), actions="greedy")
+    # The middle two of four seeds.
+    assert row["score"] == pytest.approx(0.5)
+    assert 0.2 <= row["score_low"] < 0.5 < row["score_high"] <= 1.0
+    assert row["normalized_score"] == pytest.approx(0.55)
+    assert row["return"] == pytest.approx(-21 + 16 * 0.55)
+    assert (row["seeds"], row["seeds_asked"]) == (4, 4)
+    # From 0 through half the score to the score, evenly spaced: half of it.
+    assert row["area_under_curve"] == pytest.approx(0.55 / 2)
+    assert row["training_minutes"] == 2.0
+
+
+def test_drawn_actions_have_a_row_of_their_own():
+    row = cell(tables(*seeds("vpg", [0.4, 0.6])), actions="drawn")
+    assert row["score"] == pytest.approx(0.4)
+
+
+def test_single_seed_has_no_interval():
+    row = cell(tables(trial("vpg", 0.4)), actions="greedy")
+    assert row["score"] == 0.4 and np.isnan(row["score_low"]) and np.isnan(row["score_high"])
+
+
+def test_unfinished_trials_are_counted_and_never_averaged():
+    known = tables(*seeds("vpg", [0.2, 0.4]), trial("vpg", 0.9, seed=2, status="failed"))
+    row = cell(known, actions="greedy")
+    assert (row["seeds"], row["seeds_asked"]) == (2, 3)
+    assert row["normalized_score"] == pytest.approx(0.3)
+
+
+def test_cell_without_a_finished_trial_is_a_row_of_nan():
+    row = cell(tables(trial("vpg", status="running")), actions="greedy")
+    assert row["seeds"] == 0 and np.isnan(row["score"]) and np.isnan(row["training_minutes"])
+
+
+def test_seeds_asked_are_those_of_all_learners_but_not_for_what_does_not_learn():
+    known = tables(*seeds("vpg", [0.2, 0.4, 0.6]), *seeds("a2c", [0.5]), trial("oracle", 1.0))
+    assert cell(known, algo="a2c", actions="greedy")["seeds_asked"] == 3
+    assert cell(known, algo="oracle", actions="greedy")["seeds_asked"] == 1
+
+
+def test_configurations_are_never_mixed():
+    other = trial("vpg", 0.9, seed=1, trial="other", configuration="00000002")
+    known = tables(trial("vpg", 0.1), other)
+    assert list(scores.cells(known).query("actions == 'greedy'")["score"]) == [0.1, 0.9]
+    found, reasons = scores.matrices(known)
+    assert not found and reasons == {"vpg": "more than one configuration in fp, noise 0"}
+    assert set(scores.agents(known.trials)["agent"]) == {"vpg 00000001", "vpg 00000002"}
+
+
+def test_row_does_not_change_when_another_agent_is_added():
+    alone = scores.cells(tables(*seeds("vpg", [0.2, 0.4, 0.7])))
+    both = scores.cells(tables(*seeds("vpg", [0.2, 0.4, 0.7]), *seeds("a2c", [0.1, 0.3, 0.9])))
+    pd.testing.assert_frame_equal(both[both["algo"] == "vpg"].reset_index(drop=True), alone)
+
+
+def test_matrix_has_the_seeds_that_are_finished_everywhere():
+    known = tables(
+        *seeds("vpg", [0.1, 0.2, 0.3]),
+        *seeds("vpg", [0.4, 0.5], task="pp"),
+        *seeds("a2c", [0.6]),
+        *seeds("dqn", [0.7, 0.8]),
+        trial("dqn", 0.9, task="pp", seed=5),
+    )
+    found, reasons = scores.matrices(known)
+    assert list(found) == ["vpg"]
+    assert found["vpg"].tolist() == [[0.1, 0.4], [0.2, 0.5]]
+    assert reasons == {
+        "a2c": "no finished trial in pp, noise 0",
+        "dqn": "no seed is finished in every cell",
+    }
+
+
+def test_overall_is_sorted_and_ties_go_by_name():
+    known = tables(*seeds("vpg", [0.5, 0.5]), *seeds("a2c", [0.5, 0.5]), *seeds("ppo", [0.7, 0.9]))
+    table = scores.overall(scores.matrices(known)[0])
+    assert list(table["algo"]) == ["ppo", "a2c", "vpg"]
+    assert list(table["score"]) == pytest.approx([0.8, 0.5, 0.5])
+    assert list(table["optimality_gap"]) == pytest.approx([0.2, 0.5, 0.5])
+
+
+def test_only_what_learns_is_among_the_learners():
+    known = tables(trial("vpg"), trial("oracle", 1.0), trial("random", 0.0))
+    assert list(scores.matrices(known)[0]) == ["oracle", "random", "vpg"]
+    assert list(scores.learners(known)) == ["vpg"]
+
+
+def test_improvement_in_both_directions():
+    table = scores.improvement({"a": np.array([[0.2], [0.6]]), "b": np.array([[0.1], [0.5]])})
+    table = table.set_index(["algo", "other"])["probability"]
+    assert table["a", "b"] == 0.75 and table["b", "a"] == 0.25
+
+
+def test_learning_curves_hold_every_checkpoint_of_what_learns():
+    table = scores.learning_curves(tables(*seeds("vpg", [0.4, 0.8]), trial("oracle", 1.0)))
+    assert list(table["agent"].unique()) == ["vpg"]
+    assert list(table["step"]) == [0, 8032, 16064]
+    assert list(table["score"]) == pytest.approx([0.0, 0.3, 0.6])
+
+
+def test_no_results_are_empty_tables():
+    empty = tables()
+    assert scores.cells(empty).empty and scores.learning_curves(empty).empty
+    assert scores.matrices(empty) == ({}, {})

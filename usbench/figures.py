@@ -1,0 +1,164 @@
+"""The figures of a comparison, from results alone."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from usbench import drawing, paper_figures, scores, stats
+from usbench.results import Results
+from usbench.scores import SCORED, cell_name
+
+SCORE = "normalised score (0 random, 1 optimum)"
+N_THRESHOLDS = 141
+# Without caps, which would lengthen an interval.
+BAR: dict[str, Any] = {"linewidth": 4, "solid_capstyle": "butt"}
+
+
+def write(known: Results, folder: Path, formats: Sequence[str] = ("png",)) -> list[Path]:
+    """Draw every figure for which there are results into `folder`, made if need be; return the paths.
+
+    Raises:
+        ValueError: If a format is not one of `drawing.FORMATS`.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    drawn = {
+        "scores": final_scores(known),
+        "learning_curves": learning_curves(known),
+        "performance_profiles": performance_profiles(known),
+        "improvement": improvement(known),
+        "figure4": paper_figures.figure4(known),
+        "figure5": paper_figures.figure5(known),
+    }
+    return [
+        drawing.save(figure, folder / f"{name}.{kind}")
+        for name, figure in drawn.items()
+        if figure is not None
+        for kind in formats
+    ]
+
+
+def final_scores(known: Results) -> Figure | None:
+    """Draw the score of every agent in every cell with its interval; small circles are its seeds."""
+    last = known.curves[known.curves["kind"] == SCORED].groupby("trial").tail(1)
+    table = last.merge(scores.agents(known.trials), on="trial")
+    if table.empty:
+        return None
+    order = table.groupby("agent")["normalized_score"].median().sort_values(kind="stable")
+    agents = list(order.index)
+    style = drawing.styles(agents)
+    figure, axes, cells = _cell_panels(table, height=0.5 + 0.28 * len(agents), sharex=True, sharey=True)
+    for cell, axis in cells.items():
+        own = table[(table["task"] == cell[0]) & (table["noise"] == cell[1])]
+        for agent, rows in own.groupby("agent"):
+            height = agents.index(str(agent))
+            matrix = rows[["normalized_score"]].to_numpy(np.float64)
+            interval = _bootstrap(matrix)
+            look = style[str(agent)]
+            axis.plot(
+                matrix[:, 0], np.full(len(matrix), height + 0.25), "o", color="0.4", fillstyle="none", ms=4
+            )
+            axis.plot([interval.low, interval.high], [height, height], color=look["color"], **BAR)
+            axis.plot(interval.estimate, height, look["marker"], color=look["color"], markersize=7)
+        for anchor, line in ((0, ":"), (1, "-.")):
+            axis.axvline(anchor, color="black", linestyle=line, linewidth=1)
+        axis.set_yticks(range(len(agents)), agents)
+    for axis in axes[-1]:
+        axis.set_xlabel(SCORE)
+    figure.suptitle("IQM over seeds, 95 % bootstrap interval; circles are single seeds", fontsize=10)
+    return figure
+
+
+def learning_curves(known: Results) -> Figure | None:
+    """Draw the score over training steps in every cell, with its interval."""
+    table = scores.learning_curves(known)
+    if table.empty:
+        return None
+    style = drawing.styles(table["agent"])
+    figure, axes, cells = _cell_panels(table, sharey=True)
+    handles = {}
+    for cell, axis in cells.items():
+        own = table[(table["task"] == cell[0]) & (table["noise"] == cell[1])]
+        for agent, rows in own.groupby("agent"):
+            look = style[str(agent)]
+            handles[str(agent)] = axis.plot(rows["step"], rows["score"], markersize=4, **look)[0]
+            band = (rows["score_low"], rows["score_high"])
+            axis.fill_between(rows["step"], *band, color=look["color"], alpha=0.12, linewidth=0)
+        for anchor, line in ((0, ":"), (1, "-.")):
+            axis.axhline(anchor, color="black", linestyle=line, linewidth=1)
+    for axis in axes[-1]:
+        axis.set_xlabel("training steps")
+        axis.locator_params(axis="x", nbins=5)
+    for axis in axes[:, 0]:
+        axis.set_ylabel("normalised score")
+    drawing.legend(figure, [handles[name] for name in sorted(handles)], sorted(handles))
+    figure.suptitle(f"{SCORE}: IQM over seeds of {SCORED} actions, 95 % bootstrap band", fontsize=10)
+    return figure
+
+
+def performance_profiles(known: Results) -> Figure | None:
+    """Draw the share of trials, over all cells, that score more than a threshold."""
+    matrices = scores.learners(known)
+    if not matrices:
+        return None
+    style = drawing.styles(matrices)
+    figure, axes = drawing.panels(1, 1, width=6.5, height=3.6)
+    axis = axes[0, 0]
+    lowest, highest = min(m.min() for m in matrices.values()), max(m.max() for m in matrices.values())
+    thresholds = np.linspace(min(0.0, lowest - 0.01), max(1.0, highest), N_THRESHOLDS)
+    for algo, matrix in matrices.items():
+        profile = stats.stratified_bootstrap(
+            lambda stack: stats.performance_profile(stack, thresholds),
+            matrix,
+            generator=np.random.default_rng(scores.BOOTSTRAP_SEED),
+        )
+        look = style[algo]
+        axis.plot(thresholds, profile.estimate, label=algo, markevery=10, markersize=4, **look)
+        axis.fill_between(thresholds, profile.low, profile.high, color=look["color"], alpha=0.12, linewidth=0)
+    axis.set_xlabel(f"threshold of the {SCORE}")
+    axis.set_ylabel("share of trials above it")
+    axis.set_title("Performance profiles over all cells, 95 % bootstrap band", fontsize=10)
+    drawing.legend(figure, *axis.get_legend_handles_labels())
+    return figure
+
+
+def improvement(known: Results) -> Figure | None:
+    """Draw, for every pair of agents, how likely the better one beats the other in a cell."""
+    matrices = scores.learners(known)
+    if len(matrices) < 2:
+        return None
+    ranked = list(scores.overall(matrices)["algo"])
+    pairs = scores.improvement(matrices)
+    better = pairs["algo"].map(ranked.index) < pairs["other"].map(ranked.index)
+    pairs = pairs[better].sort_values("probability", kind="stable")
+    figure, axes = drawing.panels(1, 1, width=6.5, height=0.6 + 0.26 * len(pairs))
+    axis = axes[0, 0]
+    for height, pair in enumerate(pairs.itertuples()):
+        axis.plot([pair.low, pair.high], [height, height], color=drawing.COLORS[0], alpha=0.5, **BAR)
+        axis.plot(pair.probability, height, "o", color="black", markersize=5)
+    axis.axvline(0.5, color="black", linestyle=":", linewidth=1)
+    axis.set_yticks(range(len(pairs)), pairs["algo"] + " > " + pairs["other"])
+    axis.set_xlim(-0.02, 1.02)
+    axis.set_xlabel("probability of improvement, 95 % bootstrap interval")
+    return figure
+
+
+def _cell_panels(table: pd.DataFrame, *, height: float = 2.6, **kwargs: bool) -> tuple[Figure, Any, Any]:
+    """Return a figure with a panel for each task (rows) and noise (columns), its axes, and those by cell."""
+    tasks, noises = sorted(set(table["task"])), sorted(set(table["noise"]))
+    figure, axes = drawing.panels(len(tasks), len(noises), height=height, **kwargs)
+    cells = {}
+    for row, task in enumerate(tasks):
+        for column, noise in enumerate(noises):
+            cells[task, noise] = axes[row, column]
+            axes[row, column].set_title(cell_name(task, noise), fontsize=10)
+    return figure, axes, cells
+
+
+def _bootstrap(matrix: stats.Array) -> stats.Interval:
+    return stats.stratified_bootstrap(
+        stats.iqm, matrix, generator=np.random.default_rng(scores.BOOTSTRAP_SEED)
+    )

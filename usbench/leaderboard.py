@@ -1,0 +1,174 @@
+"""Results in, `leaderboard.md` and `scores.csv` out: same results, same bytes."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from usbench import answer, provenance, results, scores, stats
+from usbench.atomic import atomic_file
+from usbench.results import DRAWN, Results
+from usbench.scores import CELL, ROW, SCORED, cell_name
+
+SCORES = "scores.csv"
+DASH = "–"
+# Title, column of `scores.cells`, factor, digits.
+COLUMNS = (
+    ("return", "return", 1, 2),
+    ("final distance (mm)", "final_distance_mm", 1, 1),
+    ("plane error (deg)", "plane_error_deg", 1, 1),
+    ("success (%)", "success_rate", 100, 0),
+    ("steps to goal", "steps_to_goal", 1, 1),
+    ("area under curve", "area_under_curve", 1, 3),
+)
+
+READING = """\
+The normalised score is (return - random) / (optimal - random), with exact anchors: 0 is a random hand, 1
+the optimum. It is the interquartile mean (IQM) over seeds after the last training step, with the 95 %
+stratified bootstrap interval; such intervals are too narrow with fewer than ten seeds. Every agent takes
+its most probable action ("greedy"): value-based agents have no other policy of their own, and advice should
+be the best there is. The score with drawn actions stands beside it (there, value-based agents explore).
+Other columns are means over seeds and evaluation episodes. The plane error is counted modulo 180 degrees;
+success means that the last pose is the goal; an episode that never reaches the goal counts with all its
+steps in "steps to goal". The area under the learning curve is the mean score over training, by the
+trapezoid rule."""
+
+
+def write(folder: Path, path: Path) -> list[Path]:
+    """Write the leaderboard of the results in `folder` to `path`, and `scores.csv` beside it.
+
+    Raises:
+        FileNotFoundError: If `folder` holds no results.
+        ValueError: If they are broken.
+    """
+    known = results.read(folder)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    table = scores.cells(known).round(results.DECIMALS).to_csv(index=False, lineterminator="\n")
+    written = {path: markdown(known), path.with_name(SCORES): table}
+    for name, text in written.items():
+        with atomic_file(name) as file:
+            file.write(text.encode())
+    return list(written)
+
+
+def markdown(known: Results) -> str:
+    """Return the leaderboard as Markdown."""
+    matrices, reasons = scores.matrices(known)
+    parts = ["# Leaderboard", answer.text(known), READING]
+    if matrices:
+        parts += ["## All cells together", _overall(known.trials, matrices)]
+    learners = scores.learners(known)
+    if len(learners) > 1:
+        parts += ["## Probability of improvement", _improvement(learners)]
+    for (task, noise), rows in scores.cells(known).groupby(CELL):
+        anchors = known.trials[(known.trials["task"] == task) & (known.trials["noise"] == noise)]
+        parts += [f"## {cell_name(task, noise)}", _anchors(anchors), _cell(rows)]
+    parts += ["## How this was made", provenance.making(known.trials)]
+    notes = [f"`{algo}` is not in the table of all cells: {reason}." for algo, reason in reasons.items()]
+    notes += provenance.notes(known.trials)
+    if notes:
+        parts += ["## Notes", "\n".join(f"* {note}" for note in notes)]
+    return "\n\n".join(parts) + "\n"
+
+
+def _overall(trials: pd.DataFrame, matrices: Mapping[str, stats.Array]) -> str:
+    """Return the table of all cells together: those that learn first, then floor and ceiling, best first."""
+    table = scores.overall(matrices)
+    by_algo = trials.groupby("algo")
+    table = table.assign(
+        fixed=table["algo"].map(by_algo["steps"].max()) == 0,
+        asked=table["algo"].map(by_algo["seed"].nunique()),
+    ).sort_values("fixed", kind="stable")
+    rows = [
+        [
+            _agent(row.algo, not row.fixed),
+            f"{row.seeds}/{row.asked}",
+            _interval(row.score, row.score_low, row.score_high),
+            *(_number(value, 3) for value in (row.median, row.mean, row.optimality_gap)),
+        ]
+        for row in table.itertuples()
+    ]
+    n_cells = next(iter(matrices.values())).shape[1]
+    title = "1 cell" if n_cells == 1 else f"{n_cells} cells (task and noise)"
+    return f"Scores over {title}, of the seeds that are finished in all of them.\n\n" + _table(
+        ["agent", "seeds", "score (IQM)", "median", "mean", "optimality gap"], rows
+    )
+
+
+def _improvement(matrices: Mapping[str, stats.Array]) -> str:
+    """Return the matrix of probabilities that a row's agent beats a column's."""
+    pairs = scores.improvement(matrices).set_index(["algo", "other"])
+    rows = []
+    for algo in matrices:
+        cells = []
+        for other in matrices:
+            pair = None if algo == other else pairs.loc[(algo, other)]
+            sure = pair is not None and (pair["low"] > 0.5 or pair["high"] < 0.5)
+            mark = "**" if sure else ""
+            cells.append(DASH if pair is None else f"{mark}{_number(pair['probability'], 2)}{mark}")
+        rows.append([f"`{algo}`", *cells])
+    return (
+        "How likely a trial of the row's agent has a higher score than one of the column's in a cell, ties "
+        "counting half; bold where the 95 % interval leaves out 0.5.\n\n"
+        + _table(["", *(f"`{algo}`" for algo in matrices)], rows)
+    )
+
+
+def _anchors(trials: pd.DataFrame) -> str:
+    """Return the exact returns of a cell in a sentence."""
+    known = trials.dropna(subset=["optimal", "random", "stay"])
+    if known.empty:
+        return "No trial has begun."
+    first = known.iloc[0]
+    stay = (first["stay"] - first["random"]) / (first["optimal"] - first["random"])
+    return (
+        f"Exact returns: optimum {_number(first['optimal'], 2)} (score 1), random hand "
+        f"{_number(first['random'], 2)} (score 0), never moving {_number(first['stay'], 2)} "
+        f"(score {_number(stay, 2)})."
+    )
+
+
+def _cell(rows: pd.DataFrame) -> str:
+    """Return the table of one task and noise: those that learn first, then floor and ceiling, best first."""
+    drawn = rows[rows["actions"] == DRAWN].set_index(ROW)
+    table = rows[rows["actions"] == SCORED]
+    table = table.assign(fixed=table["steps"] == 0, variant=table["algo"].duplicated(keep=False))
+    table = table.sort_values(["fixed", "score", "algo"], ascending=[True, False, True], kind="stable")
+    lines = []
+    for row in table.to_dict("records"):
+        other = drawn.loc[tuple(row[name] for name in ROW)]
+        lines.append(
+            [
+                _agent(row["algo"], not row["fixed"])
+                + (f" `{row['configuration']}`" if row["variant"] else ""),
+                f"{row['seeds']}/{row['seeds_asked']}",
+                _interval(row["score"], row["score_low"], row["score_high"]),
+                _interval(other["score"], other["score_low"], other["score_high"]),
+                *(_number(scale * row[name], digits) for _, name, scale, digits in COLUMNS),
+                DASH if row["fixed"] else _number(row["training_minutes"], 1),
+            ]
+        )
+    numbers = [title for title, *_ in COLUMNS]
+    return _table(["agent", "seeds", "score, greedy", "score, drawn", *numbers, "training (min)"], lines)
+
+
+def _agent(algo: str, learns: bool) -> str:
+    return f"`{algo}`" if learns else f"`{algo}` (not learned)"
+
+
+def _interval(value: float, low: float, high: float) -> str:
+    if pd.isna(low):
+        return _number(value, 3)
+    return f"{_number(value, 3)} [{_number(low, 3)}, {_number(high, 3)}]"
+
+
+def _number(value: Any, digits: int) -> str:
+    """Return a number with fixed digits, never -0; a dash where there is none."""
+    return DASH if pd.isna(value) else f"{round(float(value), digits) + 0.0:.{digits}f}"
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a Markdown table; columns after the first are aligned to the right."""
+    lines = [head, ["---", *["---:"] * (len(head) - 1)], *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)

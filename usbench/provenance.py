@@ -1,0 +1,152 @@
+"""How results were made, from the rows of trials: command, versions, time, and what a reader has to know."""
+
+import json
+
+import pandas as pd
+
+from usbench.scores import CELL, cell_name
+
+NAMED = 3
+STATUS_WORDS = {
+    "missing": "has not been run",
+    "running": "is running or was killed",
+    "interrupted": "was interrupted",
+    "failed": "failed",
+}
+
+
+def making(trials: pd.DataFrame) -> str:
+    """Return the command, how many trials are finished, the hours and the versions, as Markdown."""
+    finished = trials[trials["status"] == "finished"]
+    hours, training = (finished[key].sum() / 3600 for key in ("total_s", "training_s"))
+    parts = [f"```\n{command(trials)}\n```"] if command(trials) else []
+    parts.append(
+        f"{len(finished)} of {len(trials)} trials are finished. One after another they took {hours:.2f} "
+        f"hours on one core, {training:.2f} of them training."
+    )
+    if not finished.empty:
+        parts.append(f"Versions: {finished['versions'].mode().iloc[0] or 'not recorded'}.")
+    return "\n\n".join(parts)
+
+
+def command(trials: pd.DataFrame) -> str:
+    """Return the command that makes these trials, empty where no single one does.
+
+    Agents that do not learn are in every comparison without being named.
+    """
+    learning = trials[trials["steps"] > 0]
+    seeds = sorted(set(learning["seed"]))
+    algos = sorted(set(learning["algo"]))
+    tasks, noises = sorted(set(trials["task"])), sorted(set(trials["noise"]))
+    full = len(trials.drop_duplicates([*CELL, "algo", "seed"])) == len(trials)
+    whole = len(learning) == len(algos) * len(tasks) * len(noises) * len(seeds)
+    if not (full and whole) or seeds != list(range(len(seeds))) or learning["steps"].nunique() != 1:
+        return ""
+    levels = " ".join(f"{noise:g}" for noise in noises)
+    return (
+        f"usbench compare --algos {' '.join(algos)} --tasks {' '.join(tasks)} --noise {levels} "
+        f"--seeds {len(seeds)} --steps {learning['steps'].iloc[0]}"
+    )
+
+
+def notes(trials: pd.DataFrame) -> list[str]:
+    """Return a sentence for everything that makes rows differ from what they seem to be."""
+    finished = trials[trials["status"] == "finished"]
+    return [
+        *_unfinished(trials),
+        *_configurations(trials),
+        *_budgets(trials),
+        *_seeds(trials),
+        *_versions(finished),
+        *_frames(finished),
+    ]
+
+
+def _unfinished(trials: pd.DataFrame) -> list[str]:
+    found = []
+    for (task, noise, algo), rows in trials[trials["status"] != "finished"].groupby([*CELL, "algo"]):
+        seeds = [
+            f"seed {row.seed} {STATUS_WORDS[row.status]}"
+            + (f" ({' '.join(row.reason.split())})" if row.reason else "")
+            for row in rows.itertuples()
+        ]
+        found.append(f"`{algo}` on {cell_name(task, noise)}: {', '.join(seeds)}.")
+    return found
+
+
+def _configurations(trials: pd.DataFrame) -> list[str]:
+    """Tell apart the configurations of one cell by the settings in which they differ."""
+    found = []
+    for (task, noise, algo), rows in trials.groupby([*CELL, "algo"]):
+        variants = rows.drop_duplicates("configuration").set_index("configuration")
+        if len(variants) == 1:
+            continue
+        settings = pd.DataFrame(
+            [json.loads(row.settings) | {"steps": row.steps} for row in variants.itertuples()],
+            index=variants.index,
+        ).astype(str)
+        differing = settings.loc[:, settings.nunique() > 1]
+        each = [
+            f"`{name}` has " + (", ".join(f"{key}={value}" for key, value in row.items()) or "other settings")
+            for name, row in differing.iterrows()
+        ]
+        found.append(
+            f"`{algo}` on {cell_name(task, noise)} ran in {len(variants)} configurations, each in a row "
+            f"of its own: {'; '.join(each)}."
+        )
+    return found
+
+
+def _budgets(trials: pd.DataFrame) -> list[str]:
+    budgets = trials[trials["steps"] > 0].groupby("steps")["algo"].unique()
+    if len(budgets) < 2:
+        return []
+    each = [f"{steps} steps for {', '.join(sorted(algos))}" for steps, algos in budgets.items()]
+    return [f"Training budgets differ: {'; '.join(each)}."]
+
+
+def _seeds(trials: pd.DataFrame) -> list[str]:
+    found = []
+    for (task, noise), rows in trials[trials["steps"] > 0].groupby(CELL):
+        seeds = {" ".join(map(str, sorted(set(own)))) for _, own in rows.groupby("algo")["seed"]}
+        if len(seeds) > 1:
+            found.append(
+                f"On {cell_name(task, noise)} agents have different seeds: {' / '.join(sorted(seeds))}."
+            )
+    return found
+
+
+def _versions(finished: pd.DataFrame) -> list[str]:
+    if finished["versions"].nunique() < 2:
+        return []
+    packages = [
+        {name: number for name, _, number in (item.partition(" ") for item in versions.split(", "))}
+        for versions in finished["versions"]
+    ]
+    table = pd.DataFrame(packages, index=finished["trial"]).fillna("not recorded")
+    table = table.drop(columns="", errors="ignore")
+    return [
+        f"Versions of {name} differ between trials: {_counted(table[name])}."
+        for name in sorted(table)
+        if table[name].nunique() > 1
+    ]
+
+
+def _frames(finished: pd.DataFrame) -> list[str]:
+    environments = finished["settings"].map(lambda text: json.loads(text)["environment"])
+    found = []
+    for (task, _), rows in finished.groupby(["task", environments]):
+        frames = rows.set_index("trial")["frames"].replace("", "not recorded")
+        if frames.nunique() > 1:
+            found.append(f"Frames of {task} differ between trials (their digests): {_counted(frames)}.")
+    return found
+
+
+def _counted(values: pd.Series) -> str:
+    """Return each value with its number of trials, the most common first; rarer ones name their trials."""
+    groups = sorted(values.groupby(values), key=lambda group: (-len(group[1]), group[0]))
+    texts = [f"{groups[0][0]} in {len(groups[0][1])}"]
+    for value, trials in groups[1:]:
+        names = [f"`{name}`" for name in trials.index[:NAMED]] + ["..."] * (len(trials) > NAMED)
+        texts.append(f"{value} in {len(trials)} ({', '.join(names)})")
+    return ", ".join(texts)

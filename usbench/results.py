@@ -1,0 +1,228 @@
+"""The small record of a comparison: two tables from which the leaderboard and every figure are made.
+
+`trials.csv` has one row per trial, finished or not. `curves.csv` has the means over episodes of the finished
+ones, one row per kind of episode and training step: evaluations at every checkpoint, with drawn and with
+greedy (most probable) actions, and training in fiftieths of the budget. Both open with `pandas.read_csv`.
+"""
+
+import hashlib
+import json
+from collections.abc import Collection, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from usbench import records
+from usbench.atomic import atomic_file
+from usbench.records import TrialConfig
+
+TRIALS, CURVES = "trials.csv", "curves.csv"
+TRAINING, DRAWN, GREEDY = "training", "drawn", "greedy"
+KINDS = (TRAINING, DRAWN, GREEDY)
+TRAINING_PARTS = 50
+DECIMALS = 5
+
+TRIAL_COLUMNS: Mapping[str, type] = {
+    "trial": str,
+    "task": str,
+    "noise": float,
+    "algo": str,
+    "seed": int,
+    "steps": int,
+    "configuration": str,
+    "status": str,
+    "reason": str,
+    "settings": str,
+    "optimal": float,
+    "random": float,
+    "stay": float,
+    "training_s": float,
+    "total_s": float,
+    "versions": str,
+    "frames": str,
+}
+MEANS = (
+    "return",
+    "normalized_score",
+    "final_distance_mm",
+    "abs_sin_angle",
+    "plane_error_deg",
+    "success_rate",
+    "reached_rate",
+    "steps_to_goal",
+)
+CURVE_COLUMNS: Mapping[str, type] = {
+    "trial": str,
+    "kind": str,
+    "step": int,
+    "episodes": int,
+    **dict.fromkeys(MEANS, float),
+}
+
+
+@dataclass(frozen=True)
+class Results:
+    """The two tables, with the columns TRIAL_COLUMNS and CURVE_COLUMNS."""
+
+    trials: pd.DataFrame
+    curves: pd.DataFrame
+
+
+def collect(runs: Path, planned: Collection[TrialConfig] = ()) -> Results:
+    """Read the trials in the folder `runs`.
+
+    Args:
+        runs: Folder of trial folders.
+        planned: The trials that were asked for: only these count, and those without a record are rows of
+            status "missing". Without it, every trial in the folder counts.
+
+    Raises:
+        FileNotFoundError: If there is no such folder.
+        ValueError: If a record is broken, or two folders hold the same trial.
+    """
+    if not runs.is_dir():
+        raise FileNotFoundError(f"there is no folder {str(runs)!r} with trials.")
+    known = {config.folder_name: {"config": asdict(config)} for config in planned}
+    names = list(known) if planned else [folder.name for folder in records.trial_folders(runs)]
+    states = {name: known.get(name, {}) | records.read_state(runs / name) for name in names}
+    # A trial that was killed in its first moment has an empty record.
+    trials = pd.DataFrame(
+        [_trial(name, state) for name, state in states.items() if "config" in state],
+        columns=list(TRIAL_COLUMNS),
+    )
+    twice = trials[trials.duplicated(["configuration", "seed"], keep=False)]
+    if not twice.empty:
+        raise ValueError(f"{' and '.join(twice['trial'].head(2))} are the same trial: remove one of them.")
+    trials = trials.sort_values(["task", "noise", "algo", "configuration", "seed"], ignore_index=True)
+    finished = trials.loc[trials["status"] == "finished", ["trial", "steps"]]
+    curves = [_curves(runs, trial, steps) for trial, steps in finished.itertuples(index=False)]
+    return Results(
+        _typed(trials, TRIAL_COLUMNS),
+        _typed(pd.concat(curves) if curves else pd.DataFrame(columns=list(CURVE_COLUMNS)), CURVE_COLUMNS),
+    )
+
+
+def write(results: Results, folder: Path) -> list[Path]:
+    """Write the two tables into `folder`, made if need be, and return their paths."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, table in ((TRIALS, results.trials), (CURVES, results.curves)):
+        with atomic_file(folder / name) as file:
+            file.write(table.to_csv(index=False, lineterminator="\n").encode())
+    return [folder / TRIALS, folder / CURVES]
+
+
+def read(folder: Path) -> Results:
+    """Read what `write` wrote.
+
+    Raises:
+        FileNotFoundError: If `folder` does not hold the two tables.
+        ValueError: If a table lacks a column or holds something else than it should.
+    """
+    return Results(_read(folder / TRIALS, TRIAL_COLUMNS), _read(folder / CURVES, CURVE_COLUMNS))
+
+
+def _read(path: Path, columns: Mapping[str, type]) -> pd.DataFrame:
+    try:
+        table = pd.read_csv(path, dtype=str, keep_default_na=False)
+        return _typed(table[list(columns)], columns)
+    except FileNotFoundError:
+        raise FileNotFoundError(f"there is no {path.name} in {str(path.parent)!r}.") from None
+    except (KeyError, ValueError) as error:
+        reason = " ".join(str(error).split())
+        raise ValueError(f"{path} is not a table of results: {reason}") from error
+
+
+def _typed(table: pd.DataFrame, columns: Mapping[str, type]) -> pd.DataFrame:
+    """Return the table with the type of each column, whether it holds values or their text."""
+    typed = table.reset_index(drop=True).replace({"": np.nan}) if len(table) else table
+    for name, kind in columns.items():
+        values = typed[name].fillna("") if kind is str else typed[name]
+        typed = typed.assign(**{name: values.astype(kind)})
+    return typed.round(DECIMALS)
+
+
+def _trial(name: str, state: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the row of a trial; what an unfinished one cannot know yet is NaN or empty."""
+    config = state["config"]
+    anchors, timings = state.get("anchors", {}), state.get("timings", {})
+    versions = state.get("versions", {})
+    return {
+        "trial": name,
+        **{key: config[key] for key in ("task", "noise", "algo", "seed", "steps")},
+        "configuration": _digest({key: value for key, value in config.items() if key != "seed"}),
+        "status": state.get("status", "missing"),
+        "reason": state.get("reason") or "",
+        "settings": _settings(config),
+        **{key: anchors.get(key, np.nan) for key in ("optimal", "random", "stay")},
+        **{key: timings.get(key, np.nan) for key in ("training_s", "total_s")},
+        "versions": ", ".join(f"{package} {versions[package]}" for package in sorted(versions)),
+        "frames": state.get("frames", {}).get("digest", "")[:16],
+    }
+
+
+def _settings(config: Mapping[str, Any]) -> str:
+    """Return what a configuration sets beside its cell, as flat JSON; the environment as a digest."""
+    cell = ("task", "noise", "algo", "seed", "steps", "hyperparameters", "environment")
+    flat = {key: value for key, value in config.items() if key not in cell}
+    flat |= config.get("hyperparameters", {}) | {"environment": _digest(config.get("environment", {}))}
+    return json.dumps(flat, sort_keys=True, default=str)
+
+
+def _digest(value: Mapping[str, Any]) -> str:
+    canonical = json.dumps(value, sort_keys=True, separators=(",", ":"), default=str)
+    return hashlib.sha256(canonical.encode()).hexdigest()[:8]
+
+
+def _curves(runs: Path, trial: str, steps: int) -> pd.DataFrame:
+    """Return the rows of a finished trial: every kind of episode, every step.
+
+    Raises:
+        ValueError: If the evaluation after the last step is not there.
+    """
+    evaluations = records.load(runs / trial)
+    if evaluations.empty or evaluations["checkpoint"].max() != steps:
+        raise ValueError(f"{trial} is finished, but its evaluation at step {steps} is missing.")
+    kinds = evaluations["deterministic"].map({False: DRAWN, True: GREEDY})
+    lengths = evaluations["actions"].str.len()
+    parts = [_means(evaluations, kinds, evaluations["checkpoint"], lengths)]
+    episodes = records.load(runs / trial, "episodes")
+    if not episodes.empty:
+        part = -(-episodes["step"] * TRAINING_PARTS // steps)
+        lengths = episodes["step"].diff().fillna(episodes["step"])
+        kinds = pd.Series(TRAINING, index=episodes.index)
+        parts.append(_means(episodes, kinds, part * steps // TRAINING_PARTS, lengths))
+    curves = pd.concat(parts, ignore_index=True)
+    curves.insert(0, "trial", trial)
+    return curves.sort_values(["kind", "step"])
+
+
+def _means(episodes: pd.DataFrame, kind: pd.Series, step: pd.Series, length: pd.Series) -> pd.DataFrame:
+    """Return the means over episodes of one kind and step.
+
+    An episode that never reaches the goal counts with its whole length in `steps_to_goal`: a mean over those
+    that did would praise an agent that rarely does. The object looks the same from both sides, so that the
+    angle is counted modulo 180 degrees.
+    """
+    sine = episodes["final_sin_angle"].abs()
+    to_goal = episodes["steps_to_goal"].astype(float)
+    values = pd.DataFrame(
+        {
+            "kind": kind,
+            "step": step,
+            "return": episodes["return"],
+            "normalized_score": episodes["normalized_score"],
+            "final_distance_mm": episodes["final_distance_mm"],
+            "abs_sin_angle": sine,
+            "plane_error_deg": np.degrees(np.arcsin(sine)),
+            "success_rate": episodes["is_success"].astype(float),
+            "reached_rate": to_goal.notna().astype(float),
+            "steps_to_goal": to_goal.fillna(length.astype(float)),
+        }
+    )
+    groups = values.groupby(["kind", "step"])
+    means = groups.mean()
+    means.insert(0, "episodes", groups.size())
+    return means.reset_index()

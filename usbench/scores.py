@@ -1,0 +1,173 @@
+"""From the rows of trials to the cells of the leaderboard: one cell is a task, a noise and an algorithm.
+
+Three rules. The last checkpoint counts. What is called the score is that of greedy (most probable) actions,
+for every algorithm: a value-based one has no other policy of its own (its drawn actions are exploration), and
+whoever is guided gets the best advice. Unfinished trials are counted, never averaged in.
+"""
+
+from collections.abc import Mapping
+from itertools import permutations
+
+import numpy as np
+import pandas as pd
+
+from usbench import stats
+from usbench.results import DRAWN, GREEDY, MEANS, TRAINING, Results
+
+SCORED = GREEDY
+CELL = ["task", "noise"]
+ROW = [*CELL, "algo", "configuration"]
+# Every interval draws from a fresh generator: a row does not change when another one is added.
+BOOTSTRAP_SEED = 20_190_002
+_NO_SCORE = dict.fromkeys(("score", "score_low", "score_high"), np.nan)
+
+
+def cells(results: Results) -> pd.DataFrame:
+    """Return a row per task, noise, algorithm, configuration and kind of actions, without index.
+
+    Beside names: `seeds` that are finished of `seeds_asked`; `score` (interquartile mean of the normalised
+    score over seeds) with `score_low` and `score_high`, its 95 % interval (NaN for a single seed); the means
+    over seeds of the columns `results.MEANS`; `area_under_curve` of the score and `training_minutes`. A row
+    without a finished trial holds NaN.
+    """
+    asked = _asked(results.trials)
+    curves = results.curves[results.curves["kind"] != TRAINING]
+    curves = curves.merge(results.trials[["trial", "training_s"]], on="trial")
+    rows = []
+    for row, trials in results.trials.groupby(ROW):
+        for kind in (GREEDY, DRAWN):
+            own = curves[curves["trial"].isin(trials["trial"]) & (curves["kind"] == kind)]
+            last = own.groupby("trial").tail(1)
+            steps = int(trials["steps"].iloc[0])
+            names = dict(zip(ROW, row, strict=True)) | {"actions": kind, "steps": steps}
+            seeds = {"seeds": len(last), "seeds_asked": max(len(trials), asked if steps else 0)}
+            rows.append(names | seeds | _numbers(own, last))
+    columns = [*ROW, "actions", "steps", "seeds", "seeds_asked", *_numbers(curves[:0], curves[:0])]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def matrices(results: Results, kind: str = SCORED) -> tuple[dict[str, stats.Array], dict[str, str]]:
+    """Return the final scores `(n_seeds, n_cells)` of the algorithms, and why others have none.
+
+    Cells are those of algorithms that learn, in order. An algorithm needs one configuration in each of them,
+    and its seeds are those that are finished in all of them.
+    """
+    trials = results.trials
+    learning = trials[trials["steps"] > 0]
+    wanted = sorted(set((learning if len(learning) else trials)[CELL].itertuples(index=False, name=None)))
+    final = results.curves[results.curves["kind"] == kind].groupby("trial").tail(1)
+    final = trials.merge(final[["trial", "normalized_score"]], on="trial")
+    found: dict[str, stats.Array] = {}
+    reasons: dict[str, str] = {}
+    for algo, own in trials.groupby("algo"):
+        mixed = own.groupby(CELL)["configuration"].nunique()
+        table = final[final["algo"] == algo]
+        if (mixed > 1).any():
+            reasons[algo] = f"more than one configuration in {cell_name(*mixed[mixed > 1].index[0])}"
+            continue
+        table = table.pivot(index="seed", columns=CELL, values="normalized_score")
+        table = table.reindex(columns=pd.MultiIndex.from_tuples(wanted, names=CELL))
+        empty = [cell for cell in wanted if table[cell].isna().all()]
+        table = table.dropna()
+        if empty:
+            reasons[algo] = f"no finished trial in {', '.join(cell_name(*cell) for cell in empty)}"
+        elif table.empty:
+            reasons[algo] = "no seed is finished in every cell"
+        else:
+            found[algo] = table.to_numpy(np.float64)
+    return found, reasons
+
+
+def learners(results: Results) -> dict[str, stats.Array]:
+    """Return the matrices of the algorithms that learn."""
+    learning = set(results.trials.loc[results.trials["steps"] > 0, "algo"])
+    return {algo: matrix for algo, matrix in matrices(results)[0].items() if algo in learning}
+
+
+def overall(scores: Mapping[str, stats.Array]) -> pd.DataFrame:
+    """Return a row per algorithm: `seeds`, `score` (IQM) with its interval, and other metrics; best first."""
+    rows = [
+        {
+            "algo": algo,
+            "seeds": len(matrix),
+            **_score(matrix),
+            "median": float(stats.median(matrix)),
+            "mean": float(stats.mean(matrix)),
+            "optimality_gap": float(stats.optimality_gap(matrix)),
+        }
+        for algo, matrix in scores.items()
+    ]
+    columns = ["algo", "seeds", *_NO_SCORE, "median", "mean", "optimality_gap"]
+    table = pd.DataFrame(rows, columns=columns)
+    return table.sort_values(["score", "algo"], ascending=[False, True], ignore_index=True)
+
+
+def improvement(scores: Mapping[str, stats.Array]) -> pd.DataFrame:
+    """Return a row per ordered pair: `probability` that `algo` beats `other` in a cell, `low`, `high`."""
+    rows = []
+    for algo, other in permutations(scores, 2):
+        interval = stats.stratified_bootstrap(
+            stats.probability_of_improvement,
+            scores[algo],
+            scores[other],
+            generator=np.random.default_rng(BOOTSTRAP_SEED),
+        )
+        alone = min(len(scores[algo]), len(scores[other])) == 1
+        low, high = (np.nan, np.nan) if alone else (float(interval.low), float(interval.high))
+        rows.append((algo, other, float(interval.estimate), low, high))
+    return pd.DataFrame(rows, columns=["algo", "other", "probability", "low", "high"])
+
+
+def learning_curves(results: Results, kind: str = SCORED) -> pd.DataFrame:
+    """Return the `score` over seeds with its interval at every checkpoint, a row for each.
+
+    Trainings only: an agent that does not learn has no curve.
+    """
+    table = results.curves[results.curves["kind"] == kind].merge(agents(results.trials), on="trial")
+    keys = [*CELL, "agent", "step"]
+    rows = []
+    for row, own in table[table["steps"] > 0].groupby(keys):
+        matrix = own["normalized_score"].to_numpy(np.float64)[:, np.newaxis]
+        rows.append(dict(zip(keys, row, strict=True)) | _score(matrix))
+    return pd.DataFrame(rows, columns=[*keys, *_NO_SCORE])
+
+
+def agents(trials: pd.DataFrame) -> pd.DataFrame:
+    """Return the trials with a column `agent`: the algorithm, and its configuration if a cell has several."""
+    several = trials.groupby([*CELL, "algo"])["configuration"].transform("nunique") > 1
+    names = trials["algo"].where(~several, trials["algo"] + " " + trials["configuration"])
+    return trials.assign(agent=names)
+
+
+def cell_name(task: str, noise: float) -> str:
+    """Return what a cell is called, for example "fp, noise 0.25"."""
+    return f"{task}, noise {noise:g}"
+
+
+def _asked(trials: pd.DataFrame) -> int:
+    """Return how many seeds the learning algorithms were to have, from all of their trials."""
+    return int(trials.loc[trials["steps"] > 0, "seed"].nunique())
+
+
+def _numbers(curves: pd.DataFrame, last: pd.DataFrame) -> dict[str, float]:
+    """Return the numbers of a row from the checkpoints of its trials, `last` being the final ones."""
+    interval = _score(last[["normalized_score"]].to_numpy(np.float64)) if len(last) else _NO_SCORE
+    areas = [
+        float(stats.area_under_curve(own["step"], own["normalized_score"]))
+        for _, own in curves.groupby("trial")
+        if len(own) > 1
+    ]
+    return {
+        **interval,
+        **{name: float(last[name].mean()) for name in MEANS},
+        "area_under_curve": float(np.mean(areas)) if areas else np.nan,
+        "training_minutes": float(last["training_s"].mean() / 60),
+    }
+
+
+def _score(matrix: stats.Array) -> dict[str, float]:
+    """Return the IQM and its interval; a single seed has none."""
+    generator = np.random.default_rng(BOOTSTRAP_SEED)
+    interval = stats.stratified_bootstrap(stats.iqm, matrix, generator=generator)
+    low, high = (interval.low, interval.high) if len(matrix) > 1 else (np.nan, np.nan)
+    return {"score": float(interval.estimate), "score_low": float(low), "score_high": float(high)}
