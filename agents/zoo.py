@@ -61,7 +61,8 @@ ZOO: dict[str, Entry] = {
             "vf_coef": 0.5,
             "max_grad_norm": 0.5,
             "normalize_advantage": True,
-            "use_rms_prop": True,
+            # SB3's default corrects no bias: RMSprop's first steps are ten times the learning rate.
+            "use_rms_prop": False,
         },
     ),
     "ppo": Entry(
@@ -131,7 +132,7 @@ ZOO: dict[str, Entry] = {
         policy_kwargs=SEPARATE | RUNNING,
         hyperparameters={
             "learning_rate": 1e-3,
-            "n_steps": 512,
+            "n_steps": 256,
             "batch_size": 64,
             "gamma": 0.9,
             "gae_lambda": 0.95,
@@ -147,7 +148,8 @@ ZOO: dict[str, Entry] = {
     "recurrent_ppo": Entry(
         cls="sb3_contrib:RecurrentPPO",
         policy="MlpLstmPolicy",
-        policy_kwargs=SEPARATE | RUNNING | {"lstm_hidden_size": 64},
+        # One LSTM, the policy's: with 7040 features, a second one would take as long as all the rest.
+        policy_kwargs=SEPARATE | RUNNING | {"lstm_hidden_size": 32, "enable_critic_lstm": False},
         hyperparameters={
             "learning_rate": 1e-4,
             "n_steps": 256,

@@ -160,4 +160,9 @@ def print_cache() -> None:
 
 
 def _settings(values: Mapping[str, float], separator: str) -> str:
-    return separator.join(f"{name}={value:g}" for name, value in values.items())
+    """Return hyperparameters as `--set` takes them."""
+    texts = {
+        name: str(value).lower() if isinstance(value, bool) else f"{value:g}"
+        for name, value in values.items()
+    }
+    return separator.join(f"{name}={text}" for name, text in texts.items())
