@@ -14,6 +14,8 @@ from usbench.scores import SCORED, cell_name
 
 SCORE = "normalised score (0 random, 1 optimum)"
 N_THRESHOLDS = 141
+# Agents that do not learn.
+FIXED = {"color": "0.5", "marker": "D"}
 # Without caps, which would lengthen an interval.
 BAR: dict[str, Any] = {"linewidth": 4, "solid_capstyle": "butt"}
 
@@ -49,7 +51,8 @@ def final_scores(known: Results) -> Figure | None:
         return None
     order = table.groupby("agent")["normalized_score"].median().sort_values(kind="stable")
     agents = list(order.index)
-    style = drawing.styles(agents)
+    # Colours are those of the other figures, where only what learns is drawn.
+    style = dict.fromkeys(agents, FIXED) | drawing.styles(table.loc[table["steps"] > 0, "agent"])
     figure, axes, cells = _cell_panels(table, height=0.5 + 0.28 * len(agents), sharex=True, sharey=True)
     for cell, axis in cells.items():
         own = table[(table["task"] == cell[0]) & (table["noise"] == cell[1])]
@@ -66,9 +69,10 @@ def final_scores(known: Results) -> Figure | None:
         for anchor, line in ((0, ":"), (1, "-.")):
             axis.axvline(anchor, color="black", linestyle=line, linewidth=1)
         axis.set_yticks(range(len(agents)), agents)
+        axis.set_ylim(-0.5, len(agents) - 0.4)
     for axis in axes[-1]:
         axis.set_xlabel(SCORE)
-    figure.suptitle("IQM over seeds, 95 % bootstrap interval; circles are single seeds", fontsize=10)
+    figure.suptitle("IQM over seeds with 95 % bootstrap interval;\ncircles are single seeds", fontsize=10)
     return figure
 
 
@@ -89,13 +93,13 @@ def learning_curves(known: Results) -> Figure | None:
             axis.fill_between(rows["step"], *band, color=look["color"], alpha=0.12, linewidth=0)
         for anchor, line in ((0, ":"), (1, "-.")):
             axis.axhline(anchor, color="black", linestyle=line, linewidth=1)
+        axis.locator_params(axis="x", nbins=5)
     for axis in axes[-1]:
         axis.set_xlabel("training steps")
-        axis.locator_params(axis="x", nbins=5)
     for axis in axes[:, 0]:
-        axis.set_ylabel("normalised score")
+        axis.set_ylabel("normalised score\n(0 random, 1 optimum)")
     drawing.legend(figure, [handles[name] for name in sorted(handles)], sorted(handles))
-    figure.suptitle(f"{SCORE}: IQM over seeds of {SCORED} actions, 95 % bootstrap band", fontsize=10)
+    figure.suptitle(f"{SCORED} actions: IQM over seeds\nwith 95 % bootstrap band", fontsize=10)
     return figure
 
 
