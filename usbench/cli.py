@@ -1,7 +1,4 @@
-"""The commands: arguments in, exit status out. What they do stands in the modules that they call.
-
-Those are imported when a command runs, so that `usbench --help` does not wait for torch.
-"""
+"""The command line: arguments in, exit status out."""
 
 import argparse
 import contextlib
@@ -13,14 +10,34 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NoReturn
 
+from usbench import commands
+
 DONE, FAILED, REFUSED, INTERRUPTED = 0, 1, 2, 130
 
 EXAMPLES = """examples:
   usbench run --algo vpg --task pp
   usbench run --algo vpg --task fp --noise 0.25 --seed 3
   usbench run --algo vpg --task pp --preset spinup --set gamma=0.95 --out my_runs
+  usbench compare --tasks pp --noise 0 --seeds 2 --steps 1024
   usbench list
   usbench cache --clear
+"""
+
+COMPARE_EXAMPLES = """examples:
+  usbench compare
+      the paper's grid: vpg, a2c, ppo and dqn on both tasks with three noise levels and 4 seeds
+  usbench compare --algos vpg ppo --tasks pp --noise 0 --seeds 10 --jobs 8
+  usbench compare --steps 1024 --seeds 2 --out quick --leaderboard quick/leaderboard.md
+      a minute's try
+
+What is finished is not run again, so the same command goes on after an interruption.
+"""
+
+SEARCH_EXAMPLES = """examples:
+  usbench search --algo ppo
+  usbench search --algo dqn --tasks pp --noise 0 --steps 8032 --candidates 10 --jobs 8
+
+The same command goes on where it was stopped. Seeds begin at 1000, where no comparison has any.
 """
 
 
@@ -42,11 +59,11 @@ def build_parser() -> argparse.ArgumentParser:
         epilog=EXAMPLES,
     )
     parser.add_argument("--version", action="version", version=f"usbench {version('usbench')}")
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    subparsers = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     debug = _Parser(add_help=False)
     debug.add_argument("--debug", action="store_true", help="show the traceback of an error")
 
-    run = commands.add_parser(
+    run = subparsers.add_parser(
         "run",
         parents=[debug],
         epilog=EXAMPLES,
@@ -71,12 +88,14 @@ def build_parser() -> argparse.ArgumentParser:
     run.add_argument("--out", type=Path, default=Path("runs"), help="folder for trials (default runs)")
     run.add_argument("--overwrite", action="store_true", help="run again even if finished")
     run.add_argument("--quiet", action="store_true", help="no progress")
-    run.set_defaults(call=_run)
+    run.set_defaults(call=commands.run)
 
-    show = commands.add_parser("list", parents=[debug], help="show tasks, algorithms and their defaults")
-    show.set_defaults(call=_list)
+    _add_compare(subparsers, debug)
+    _add_search(subparsers, debug)
+    show = subparsers.add_parser("list", parents=[debug], help="show tasks, algorithms and their defaults")
+    show.set_defaults(call=commands.show_suite)
 
-    cache = commands.add_parser(
+    cache = subparsers.add_parser(
         "cache",
         parents=[debug],
         help="show or clear the frames kept on disk",
@@ -84,8 +103,83 @@ def build_parser() -> argparse.ArgumentParser:
         "USBENCH_CACHE sets their place.",
     )
     cache.add_argument("--clear", action="store_true", help="remove them")
-    cache.set_defaults(call=_cache)
+    cache.set_defaults(call=commands.cache)
     return parser
+
+
+def _add_compare(subparsers: Any, debug: argparse.ArgumentParser) -> None:
+    compare = subparsers.add_parser(
+        "compare",
+        parents=[debug],
+        epilog=COMPARE_EXAMPLES,
+        help="compare algorithms and write a leaderboard",
+        description="Run the trials that are missing, several at a time; write the leaderboard, "
+        "scores.csv beside it, and tables and figures in a folder beside it. random, stay and oracle always "
+        "take part.",
+    )
+    compare.add_argument(
+        "--algos",
+        nargs="+",
+        default=["vpg", "a2c", "ppo", "dqn"],
+        metavar="NAME",
+        help="algorithms (default vpg a2c ppo dqn; see usbench list)",
+    )
+    compare.add_argument(
+        "--tasks", nargs="+", default=["fp", "pp"], metavar="NAME", help="tasks (default fp pp)"
+    )
+    compare.add_argument(
+        "--noise",
+        nargs="+",
+        type=_number,
+        default=[0.0, 0.25, 0.5],
+        metavar="P",
+        help="probabilities 0..1 (default 0 0.25 0.5)",
+    )
+    compare.add_argument("--seeds", type=_number, default=4, metavar="N", help="number of seeds (default 4)")
+    compare.add_argument(
+        "--steps", type=_number, metavar="N", help="training steps (default: the task's budget)"
+    )
+    compare.add_argument(
+        "--leaderboard",
+        type=Path,
+        default=Path("leaderboard.md"),
+        metavar="FILE",
+        help="file to write (default leaderboard.md)",
+    )
+    _add_sweep(compare)
+    compare.set_defaults(call=commands.compare)
+
+
+def _add_search(subparsers: Any, debug: argparse.ArgumentParser) -> None:
+    search = subparsers.add_parser(
+        "search",
+        parents=[debug],
+        epilog=SEARCH_EXAMPLES,
+        help="search hyperparameters of an algorithm",
+        description="Try hyperparameters of one algorithm and write a table; needs usbench[search].",
+    )
+    search.add_argument("--algo", required=True, help="algorithm, for example ppo (see usbench list)")
+    search.add_argument(
+        "--tasks", nargs="+", default=["fp", "pp"], metavar="NAME", help="tasks (default fp pp)"
+    )
+    search.add_argument("--noise", type=_number, default=0.25, metavar="P", help="0..1 (default 0.25)")
+    search.add_argument(
+        "--seeds", type=_number, default=1, metavar="N", help="seeds per candidate (default 1)"
+    )
+    search.add_argument(
+        "--steps", type=_number, metavar="N", help="training steps (default: the task's budget)"
+    )
+    search.add_argument(
+        "--candidates", type=_number, default=20, metavar="N", help="candidates in all (default 20)"
+    )
+    _add_sweep(search)
+    search.set_defaults(call=commands.search)
+
+
+def _add_sweep(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--jobs", type=_number, metavar="N", help="trials at a time (default: all cores)")
+    parser.add_argument("--out", type=Path, default=Path("runs"), help="folder for trials (default runs)")
+    parser.add_argument("--quiet", action="store_true", help="no progress")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -113,51 +207,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"usbench: error: {' '.join(str(error).split())}", file=sys.stderr)
         return REFUSED if isinstance(error, ConfigurationError) else FAILED
     return DONE
-
-
-def _run(args: argparse.Namespace) -> None:
-    from usbench import console, plots, replay, runner, training
-
-    config = runner.resolve(
-        args.algo,
-        args.task,
-        noise=args.noise,
-        seed=args.seed,
-        steps=args.steps,
-        preset=args.preset,
-        overrides=dict(args.set),
-    )
-    progress: training.Progress = training.Silent() if args.quiet else console.Bars()
-    try:
-        result = runner.run_trial(config, args.out, overwrite=args.overwrite, progress=progress)
-    finally:
-        progress.close()
-    if result.skipped:
-        print("This trial is finished already; here are its results (--overwrite runs it again).")
-    figures = {
-        "learning curve": plots.learning_curve(result.folder),
-        "replay": replay.write_gif(result.folder),
-    }
-    console.print_trial(result.folder, figures)
-
-
-def _list(args: argparse.Namespace) -> None:
-    from usbench import console
-
-    console.print_suite()
-
-
-def _cache(args: argparse.Namespace) -> None:
-    from usbench import console
-    from usbench.envs import cache
-
-    if args.clear:
-        n_files, size = cache.clear()
-        print(
-            f"removed {n_files} file{'s' * (n_files != 1)} ({size / 1e6:.1f} MB) from {cache.cache_folder()}"
-        )
-    else:
-        console.print_cache()
 
 
 def _number(text: str) -> int | float | str:

@@ -83,10 +83,10 @@ class SweepBars:
             self._console.print(line, markup=False)
 
 
-def failures(outcomes: Sequence[Outcome]) -> str:
-    """Return a line with its reason for each trial that failed; empty if none did."""
+def failures(outcomes: Sequence[Outcome]) -> list[str]:
+    """Return a line with its reason for each trial that failed."""
     failed = [outcome for outcome in outcomes if outcome.reason is not None]
-    return "\n".join(f"{_name(outcome.config)} failed: {outcome.reason}" for outcome in failed)
+    return [f"{_name(outcome.config)} failed: {outcome.reason}" for outcome in failed]
 
 
 def _name(config: TrialConfig) -> str:

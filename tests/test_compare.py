@@ -1,0 +1,173 @@
+"""`usbench compare` and `usbench search`: what is planned, written, refused, and the exit statuses."""
+
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from usbench import cli, comparison, records, sweep
+
+GRID = [
+    "--algos",
+    "a2c",
+    "--tasks",
+    "pp",
+    "--noise",
+    "0",
+    "0.5",
+    "--seeds",
+    "2",
+    "--steps",
+    "64",
+    "--jobs",
+    "1",
+]
+
+
+@pytest.fixture
+def here(quick, monkeypatch, tmp_path):
+    """Trials in this process, on drawn frames, in a folder of the test."""
+    monkeypatch.setitem(sweep.run.__kwdefaults__, "executor", lambda: ThreadPoolExecutor(1))
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def contents(folder):
+    return {path: path.read_bytes() for path in sorted(Path(folder).rglob("*")) if path.is_file()}
+
+
+def test_plan_is_the_whole_grid_with_floor_and_ceiling_once():
+    planned = comparison.plan(["vpg", "dqn", "random"], ["fp", "pp"], [0, 0.25], 3, 64)
+    algos = [config.algo for config in planned]
+    assert algos.count("vpg") == algos.count("dqn") == 2 * 2 * 3
+    assert algos.count("random") == algos.count("stay") == algos.count("oracle") == 2 * 2
+    assert len({config.folder_name for config in planned}) == len(planned)
+    assert {config.steps for config in planned if config.algo in ("vpg", "dqn")} == {64}
+
+
+def test_plan_goes_seed_by_seed():
+    planned = comparison.plan(["vpg", "dqn"], ["pp"], [0], 3, 64)
+    assert [config.seed for config in planned if config.steps] == [0, 0, 1, 1, 2, 2]
+
+
+def test_plan_takes_what_is_named_twice_once():
+    assert comparison.plan(["vpg", "vpg"], ["pp", "pp"], [0, 0.0], 1) == comparison.plan(
+        ["vpg"], ["pp"], [0], 1
+    )
+
+
+def test_default_command_is_the_papers_grid():
+    args = cli.build_parser().parse_args(["compare"])
+    assert args.algos == ["vpg", "a2c", "ppo", "dqn"] and args.tasks == ["fp", "pp"]
+    assert args.noise == [0, 0.25, 0.5] and args.seeds == 4 and args.steps is None
+    assert args.leaderboard == Path("leaderboard.md") and args.out == Path("runs")
+
+
+def test_comparison_from_end_to_end_and_the_same_bytes_once_more(here, capsys):
+    assert cli.main(["compare", *GRID]) == 0
+    captured = capsys.readouterr()
+    assert "10 trials to run, 0 finished already" in captured.err
+    assert "[10/10] a2c on pp, noise 0.5, seed 1: finished" in captured.err
+    made = captured.out.split()
+    assert {"leaderboard.md", "scores.csv"} <= set(made) and all(Path(path).exists() for path in made)
+    board = Path("leaderboard.md").read_text()
+    for word in ("a2c", "random", "stay", "oracle", "2/2"):
+        assert word in board
+    before = contents(here)
+    assert cli.main(["compare", *GRID]) == 0
+    assert "0 trials to run, 10 finished already" in capsys.readouterr().err
+    assert contents(here) == before
+
+
+def test_failed_trial_is_listed_and_the_status_is_1(here, capsys, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("usbench.agents.baselines.Stay._actions", full)
+    assert cli.main(["compare", *GRID]) == 1
+    error = capsys.readouterr().err
+    assert error.count("No space left on device") == 2 and "stay on pp, noise 0.5, seed 0 failed" in error
+    assert "2 of 10 trials failed" in error.splitlines()[-1]
+    assert "failed" in Path("leaderboard.md").read_text()
+
+
+def test_interrupted_comparison_goes_on_where_it_was(here, capsys, monkeypatch):
+    real, n_calls = sweep.work, []
+
+    def interrupted(config, out):
+        n_calls.append(config)
+        if len(n_calls) == 8:
+            raise KeyboardInterrupt
+        return real(config, out)
+
+    monkeypatch.setattr(sweep, "work", interrupted)
+    assert cli.main(["compare", *GRID, "--quiet"]) == 130
+    assert "interrupted" in capsys.readouterr().err
+    assert cli.main(["compare", *GRID]) == 0
+    assert "3 trials to run, 7 finished already" in capsys.readouterr().err
+
+
+def test_quiet_says_nothing_on_stderr(here, capsys):
+    assert cli.main(["compare", *GRID, "--quiet"]) == 0
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("command", ["compare", "search"])
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        (["--tasks", "ppp"], "'pp'"),
+        (["--noise", "1.5"], "1.5"),
+        (["--seeds", "0"], "seeds"),
+        (["--seeds", "2.5"], "2.5"),
+        (["--seeds", "many"], "'many'"),
+        (["--steps", "0"], "0"),
+        (["--jobs", "0"], "jobs"),
+        (["--jobs", "-1"], "jobs"),
+        (["--tasks"], "--tasks"),
+        (["--sed", "1"], "--sed"),
+    ],
+)
+def test_bad_arguments_are_refused_in_one_sentence(capsys, here, command, changes, said):
+    algo = ["--algo", "a2c"] if command == "search" else []
+    assert cli.main([command, *algo, *changes]) == 2
+    error = capsys.readouterr().err
+    assert said in error and error.count("\n") == 1
+    assert not list(here.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("argv", "said"),
+    [
+        (["compare", "--algos", "ppq"], "'ppo'"),
+        (["search", "--algo", "stay"], "search space"),
+        (["search", "--algo", "a2c", "--candidates", "0"], "candidates"),
+        (["search"], "--algo"),
+    ],
+)
+def test_unknown_algorithms_are_refused(capsys, here, argv, said):
+    assert cli.main(argv) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_leaderboard_that_cannot_be_written_is_refused_before_any_trial(here, capsys):
+    (here / "file").write_text("")
+    assert cli.main(["compare", *GRID, "--leaderboard", "file/leaderboard.md"]) == 2
+    assert cli.main(["compare", *GRID, "--leaderboard", "."]) == 2
+    assert capsys.readouterr().err.count("--leaderboard") == 2
+    assert not Path("runs").exists()
+
+
+def test_search_from_end_to_end(here, capsys):
+    argv = ["search", "--algo", "a2c", "--tasks", "pp", "--steps", "32", "--candidates", "2", "--quiet"]
+    assert cli.main([*argv, "--jobs", "1"]) == 0
+    table = Path(capsys.readouterr().out.strip())
+    assert table == Path("runs/search-a2c-pp-p0.25-1x32/search.md")
+    assert "2 candidates on pp" in table.read_text()
+    assert records.load("runs/search-a2c-pp-p0.25-1x32")["seed"].eq(1000).all()
+
+
+@pytest.mark.parametrize("command", ["compare", "search"])
+def test_help_shows_examples(capsys, command):
+    assert cli.main([command, "--help"]) == 0
+    assert f"  usbench {command} " in capsys.readouterr().out

@@ -1,0 +1,84 @@
+"""What each command does, given its arguments; everything heavy is imported when a command runs."""
+
+import argparse
+import sys
+
+
+def run(args: argparse.Namespace) -> None:
+    """Train and evaluate one agent on one task."""
+    from usbench import console, plots, replay, runner, training
+
+    config = runner.resolve(
+        args.algo,
+        args.task,
+        noise=args.noise,
+        seed=args.seed,
+        steps=args.steps,
+        preset=args.preset,
+        overrides=dict(args.set),
+    )
+    progress: training.Progress = training.Silent() if args.quiet else console.Bars()
+    try:
+        result = runner.run_trial(config, args.out, overwrite=args.overwrite, progress=progress)
+    finally:
+        progress.close()
+    if result.skipped:
+        print("This trial is finished already; here are its results (--overwrite runs it again).")
+    figures = {
+        "learning curve": plots.learning_curve(result.folder),
+        "replay": replay.write_gif(result.folder),
+    }
+    console.print_trial(result.folder, figures)
+
+
+def compare(args: argparse.Namespace) -> None:
+    """Run what is missing of a comparison, then write its leaderboard and figures."""
+    from usbench import comparison, sweep, sweep_console
+    from usbench.envs.threads import n_threads
+
+    jobs = n_threads() if args.jobs is None else comparison.positive("jobs", args.jobs)
+    planned = comparison.plan(args.algos, args.tasks, args.noise, args.seeds, args.steps)
+    comparison.prepare(args.leaderboard)
+    with sweep_console.SweepBars(args.quiet) as bars:
+        outcomes = sweep.run(planned, args.out, bars, jobs=jobs)
+    for path in comparison.report(planned, args.out, args.leaderboard):
+        print(path)
+    failed = sweep_console.failures(outcomes)
+    if failed:
+        print("\n".join(failed), file=sys.stderr)
+        raise RuntimeError(
+            f"{len(failed)} of {len(planned)} trials failed; the same command tries them again."
+        )
+
+
+def search(args: argparse.Namespace) -> None:
+    """Search hyperparameters of one algorithm."""
+    from usbench import comparison, search, sweep_console
+    from usbench.envs.threads import n_threads
+
+    jobs = n_threads() if args.jobs is None else comparison.positive("jobs", args.jobs)
+    settings = search.resolve(args.algo, args.tasks, noise=args.noise, seeds=args.seeds, steps=args.steps)
+    n_candidates = comparison.positive("candidates", args.candidates)
+    with sweep_console.SweepBars(args.quiet) as bars:
+        print(search.run(settings, n_candidates, args.out, bars, jobs=jobs))
+
+
+def show_suite(args: argparse.Namespace) -> None:
+    """Show tasks, algorithms and their defaults."""
+    from usbench import console
+
+    console.print_suite()
+
+
+def cache(args: argparse.Namespace) -> None:
+    """Show or clear the frames kept on disk."""
+    from usbench import console
+    from usbench.envs import cache
+
+    if args.clear:
+        n_files, size = cache.clear()
+        print(
+            f"removed {n_files} file{'s' * (n_files != 1)} ({size / 1e6:.1f} MB) from {cache.cache_folder()}"
+        )
+    else:
+        console.print_cache()
