@@ -148,8 +148,12 @@ ZOO: dict[str, Entry] = {
     "recurrent_ppo": Entry(
         cls="sb3_contrib:RecurrentPPO",
         policy="MlpLstmPolicy",
-        # One LSTM, the policy's: with 7040 features, a second one would take as long as all the rest.
-        policy_kwargs=SEPARATE | RUNNING | {"lstm_hidden_size": 32, "enable_critic_lstm": False},
+        policy_kwargs=SEPARATE
+        | RUNNING
+        | {
+            "features_extractor_class": "usbench.agents.networks:ProjectedTrunk",
+            "lstm_hidden_size": 64,
+        },
         hyperparameters={
             "learning_rate": 1e-4,
             "n_steps": 256,

@@ -8,7 +8,7 @@ import pytest
 import torch
 from torch import nn
 
-from usbench.agents.networks import Block, ConvTrunk
+from usbench.agents.networks import Block, ConvTrunk, ProjectedTrunk
 from usbench.agents.policies import ConvPolicy, SeparatePolicy
 
 FRAMES = gym.spaces.Box(-10, 10, (90, 40, 4), np.float32)
@@ -188,6 +188,14 @@ def test_channels_first_images_give_the_same_features() -> None:
     first.load_state_dict(last.state_dict())
     images = torch.randn(2, 90, 40, 4)
     torch.testing.assert_close(first(images.permute(0, 3, 1, 2).contiguous()), last(images))
+
+
+def test_projected_trunk_gives_64_features_of_moderate_size() -> None:
+    torch.manual_seed(0)
+    trunk = ProjectedTrunk(FRAMES, batch_statistics=False)
+    features = trunk(torch.randn(5, 90, 40, 4)).detach()
+    assert (features.shape, trunk.features_dim) == ((5, 64), 64)
+    assert 0.01 < float(features.abs().mean()) < 0.9
 
 
 @pytest.mark.parametrize("shape", [(90, 40), (90, 2, 40), (3, 90, 40, 4)])
