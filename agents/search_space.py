@@ -74,5 +74,5 @@ SPACES: dict[str, dict[str, Log | Choice]] = {
         "target_kl": Log(3e-3, 1e-1),
         "n_critic_updates": Choice((2, 4, 8)),
     },
-    "recurrent_ppo": CLIPPED,
+    "recurrent_ppo": CLIPPED | {"learning_rate": Log(1e-4, 1e-2)},
 }
