@@ -1,180 +1,174 @@
-"""One-way response of the focused aperture in the plane of the array, the sum over its elements.
+"""One-way field of a line's focused aperture in the plane of the array, on a lateral grid.
 
-Far field of rectangular elements (Jensen and Svendsen 1992), each a sinc across its width, in the frequency
-domain; elevation enters through the factor of `elevation.py` at every element's own distance.
+At a depth z all elements have the same field g(x, z; f), shifted. The aperture's field is the convolution of
+g with the elements' weights and delays along the array, so a product after a Fourier transform:
+
+    G(u, z; f) = sum_n w_n exp(-j 2 pi f (F - hypot(e_n, F)) / c) g(u - e_n, z; f)
+
+    g(x, z; f) = a / (2 pi r) sinc(f width x / (r c)) E(r; f) exp(-j 2 pi f r / c),     r = hypot(x, z)
+
+with a the element's area and E the factor of `elevation.py`: rectangles in their far field (Jensen and
+Svendsen 1992).
+
+A line need not lie on the centre of its aperture. Its elements, at e_n - d, are a comb of period
+`pitch`: by Poisson's formula their field is a sum over grating lobes,
+sum_m G_m exp(-2 pi j m d / pitch), where G_m hardly
+depends on the offset d.
 """
 
 from __future__ import annotations
 
-import math
+from dataclasses import dataclass, replace
 
 import numba
 import numpy as np
 import numpy.typing as npt
+from scipy import fft
 
-Floats = npt.NDArray[np.float32]
+from usbench.envs.elevation import FAST_MATH, elevation_factor
+from usbench.envs.probe import LinearArray
 
-FAST_MATH = {"contract", "reassoc", "nsz", "arcp", "nnan", "ninf"}
-LANES = 16  # frequencies that are computed at once; every number of frequencies is a multiple of it
+Floats = npt.NDArray[np.floating]
+Spectra = npt.NDArray[np.complex64]
+
+_DISTANCE_STEP = 0.05e-3
 
 
-@numba.njit(fastmath=FAST_MATH, nogil=True, error_model="numpy", cache=True)
-def one_way(
-    u: float,
-    z: float,
+@dataclass(frozen=True)
+class Aperture:
+    """What the field of a line's active aperture is made of; see `aperture`.
+
+    Attributes:
+        orders: m of the fields G_m; (0,) stands for one offset with all its lobes.
+        u: Lateral offsets at which fields are returned, from 0 on, (n_u,) m.
+        x: Lateral distances from element to point, (n_x,) m.
+        first_x: Where u = 0 is in the convolution along x.
+        stride: Steps of x per step of u.
+        frequencies: Equally spaced, (n_frequencies,) Hz.
+        weights: w_n and their delays, transformed along x, (n_orders, n_frequencies, n_x).
+        factor: a / (2 pi) E(r; f), (n_frequencies, n_distances).
+        array: The transducer.
+    """
+
+    orders: tuple[int, ...]
+    u: Floats
+    x: Floats
+    first_x: int
+    stride: int
+    frequencies: Floats
+    weights: Spectra
+    factor: Spectra
+    array: LinearArray
+
+    def only(self, which: slice) -> Aperture:
+        """Return the same for some of the frequencies."""
+        return replace(
+            self,
+            frequencies=self.frequencies[which],
+            weights=self.weights[:, which],
+            factor=np.ascontiguousarray(self.factor[which]),
+        )
+
+    def moved(self, distance: float) -> Aperture:
+        """Return what has at u the field of u + `distance` (m)."""
+        turns = np.exp(2j * np.pi * distance * fft.fftfreq(len(self.x), self.x[1] - self.x[0]))
+        return replace(self, weights=self.weights * turns.astype(np.complex64))
+
+    def fields(self, depths: Floats, moment: bool = False) -> Spectra:
+        """Return G_m at `depths` (m), (n_orders, n_depths, n_u, n_frequencies); with `moment`, of r g."""
+        element = np.empty((len(depths), len(self.frequencies), len(self.x)), dtype=np.complex64)
+        _element_field(
+            self.x, depths, self.frequencies / self.array.speed_of_sound, self.array.element_width,
+            self.factor, _DISTANCE_STEP, moment, element,
+        )  # fmt: skip
+        transformed = fft.fft(element, axis=2, overwrite_x=True)
+        shape = (len(self.orders), len(depths), len(self.u), len(self.frequencies))
+        fields = np.empty(shape, dtype=np.complex64)
+        for weights, field in zip(self.weights, fields, strict=True):
+            convolved = fft.ifft(transformed * weights, axis=2, overwrite_x=True)
+            # The last ones: those that all elements take part in.
+            field[:] = convolved[:, :, self.first_x :: self.stride].swapaxes(1, 2)
+        return fields
+
+
+def aperture(
+    array: LinearArray,
     focal_depth: float,
-    offset: float,
-    apodization: npt.NDArray[np.float64],
-    pitch: float,
-    width: float,
-    speed_of_sound: float,
-    first_frequency: float,
-    frequency_step: float,
-    elevation_real: Floats,
-    elevation_imag: Floats,
-    distance_step: float,
-    real: Floats,
-    imag: Floats,
-    lane_real: Floats,
-    lane_imag: Floats,
-) -> None:
-    """Compute the response of one line's aperture at a point, without its geometric delay hypot(u, z) / c.
-
-    H(f) = sum_n w_n / r_n * sinc(f width (u - e_n) / (r_n c)) * E(r_n; f)
-                 * exp(-j 2 pi f ((r_n - hypot(u, z)) + F - hypot(e_n, F)) / c)
+    frequencies: Floats,
+    u_max: float,
+    z_max: float,
+    oversampling: int,
+    stride: int,
+    orders: tuple[int, ...] = (),
+    offset: float = 0.0,
+) -> Aperture:
+    """Prepare the fields of the aperture.
 
     Args:
-        u: Lateral position of the point relative to the line, m.
-        z: Depth of the point, m.
-        focal_depth: F, m; the focus lies on the line.
-        offset: Line position minus centre of the active aperture, m.
-        apodization: w_n, (n_active,).
-        pitch: Distance between elements, m.
-        width: Width of an element, m.
-        speed_of_sound: c, m/s.
-        first_frequency: Hz.
-        frequency_step: Hz.
-        elevation_real: E at (n_distances, n_frequencies), real part.
-        elevation_imag: The same, imaginary part.
-        distance_step: Between the rows of E, m.
-        real: Receives the real part of H, (n_frequencies,).
-        imag: Receives the imaginary part of H, (n_frequencies,).
-        lane_real: Scratch, (LANES,).
-        lane_imag: Scratch, (LANES,).
+        array: The transducer.
+        focal_depth: F, m.
+        frequencies: Equally spaced, (n_frequencies,) Hz.
+        u_max: Largest lateral offset of a point from the line, m.
+        z_max: Largest depth, m.
+        oversampling: Points of the lateral grid per pitch.
+        stride: Every how many of them a field is wanted.
+        orders: m of the grating lobes; none for the whole field at one offset.
+        offset: That offset: line position minus centre of the active aperture, m.
     """
-    n_active, n_frequencies = apodization.shape[0], real.shape[0]
-    reference = math.sqrt(u * u + z * z)
-    last_frequency = first_frequency + frequency_step * n_frequencies
-    real[:] = 0.0
-    imag[:] = 0.0
-    for n in range(n_active):
-        element = (n - (n_active - 1) * 0.5) * pitch - offset
-        dx = u - element
-        r = math.sqrt(dx * dx + z * z)
-        delay = (r - reference + focal_depth - math.sqrt(focal_depth**2 + element * element)) / speed_of_sound
+    c, step = array.speed_of_sound, array.pitch / oversampling
+    n = (array.n_active + 1) * oversampling - 1
+    comb = np.arange(n) - (oversampling - 1)  # multiples of `oversampling` are elements
+    centered = (np.arange(n) - (n - 1) / 2) * step
+    n_x = int(fft.next_fast_len(n - 1 + int(np.ceil(u_max / step)) + 2 * stride))
+    x = step * np.arange(n_x) - centered[-1] + offset
 
-        # The sinc is so smooth over the band that a parabola through three frequencies gives it.
-        slope = math.pi * width * abs(dx) / (r * speed_of_sound) + 1e-15
-        a0, a2 = slope * first_frequency, slope * last_frequency
-        a1 = 0.5 * (a0 + a2)
-        q0, q1, q2 = math.sin(a0) / a0, math.sin(a1) / a1, math.sin(a2) / a2
-        gain, unit = apodization[n] / r, 1.0 / n_frequencies
-        constant = np.float32(gain * q0)
-        linear = np.float32(gain * unit * (4.0 * q1 - 3.0 * q0 - q2))
-        square = np.float32(gain * unit * unit * (2.0 * q0 - 4.0 * q1 + 2.0 * q2))
+    delays = (focal_depth - np.hypot(centered - offset, focal_depth)) / c
+    delayed = array.window(centered) * np.exp(-2j * np.pi * np.outer(frequencies, delays))
+    if orders:
+        turns = np.outer(orders, comb) / oversampling
+        weights = delayed * np.exp(-2j * np.pi * turns)[:, np.newaxis] / oversampling
+    else:
+        weights = np.where(comb % oversampling == 0, delayed, 0.0)[np.newaxis]
 
-        # exp(-j w_k t) as a product of two short recurrences, so that the inner loop is plain arithmetic.
-        step = -2.0 * math.pi * frequency_step * delay
-        start = -2.0 * math.pi * first_frequency * delay
-        cosine, sine = math.cos(start), math.sin(start)
-        step_cosine, step_sine = math.cos(step), math.sin(step)
-        for k in range(LANES):
-            lane_real[k] = cosine
-            lane_imag[k] = sine
-            cosine, sine = cosine * step_cosine - sine * step_sine, cosine * step_sine + sine * step_cosine
-        step_cosine, step_sine = math.cos(step * LANES), math.sin(step * LANES)
-        cosine, sine = 1.0, 0.0
-        row = min(int(r / distance_step + 0.5), elevation_real.shape[0] - 1)
-        for block in range(n_frequencies // LANES):
-            c32, s32, first = np.float32(cosine), np.float32(sine), block * LANES
-            for k in range(LANES):
-                x = np.float32(first + k)
-                weight = constant + x * (linear + x * square)
-                p = weight * (lane_real[k] * c32 - lane_imag[k] * s32)
-                q = weight * (lane_real[k] * s32 + lane_imag[k] * c32)
-                e_real, e_imag = elevation_real[row, first + k], elevation_imag[row, first + k]
-                real[first + k] += p * e_real - q * e_imag
-                imag[first + k] += p * e_imag + q * e_real
-            cosine, sine = cosine * step_cosine - sine * step_sine, cosine * step_sine + sine * step_cosine
+    distances = np.arange(0.0, np.hypot(np.abs(x).max(), z_max) + 2 * _DISTANCE_STEP, _DISTANCE_STEP)
+    distances[0] = _DISTANCE_STEP / 2
+    factor, extra = elevation_factor(array, 0.0, distances, frequencies)
+    factor *= np.exp(-2j * np.pi / c * extra[:, np.newaxis] * frequencies)
+    factor *= array.element_width * array.element_height / (2 * np.pi)
+    return Aperture(
+        orders or (0,),
+        step * np.arange(0, n_x - n + 1, stride),
+        x,
+        n - 1,
+        stride,
+        frequencies,
+        fft.fft(weights.astype(np.complex64), n_x, axis=2),
+        np.ascontiguousarray(factor.T.astype(np.complex64)),
+        array,
+    )
 
 
 @numba.njit(fastmath=FAST_MATH, nogil=True, error_model="numpy", cache=True)
-def mean_distance(u, z, focal_depth, offset, apodization, pitch, width, speed_of_sound, frequency):
-    """Return the distance from the point to the elements that it is heard through, at one frequency, in m.
-
-    The elements' distances r_n weighted with their contributions h_n, Re(sum r_n h_n / sum h_n), within the
-    range of r_n. Args as for `one_way`.
-    """
-    n_active = apodization.shape[0]
-    total, first_moment = 0j, 0j
-    nearest, farthest = 1e9, 0.0
-    for n in range(n_active):
-        element = (n - (n_active - 1) * 0.5) * pitch - offset
-        dx = u - element
-        r = math.sqrt(dx * dx + z * z)
-        path = r - math.sqrt(focal_depth**2 + element * element)
-        a = math.pi * width * abs(dx) / (r * speed_of_sound) * frequency + 1e-15
-        angle = -2.0 * math.pi * frequency / speed_of_sound * path
-        heard = apodization[n] / r * math.sin(a) / a * complex(math.cos(angle), math.sin(angle))
-        total += heard
-        first_moment += r * heard
-        nearest, farthest = min(nearest, r), max(farthest, r)
-    mean = (first_moment * total.conjugate()).real / (total.real**2 + total.imag**2 + 1e-30)
-    return min(max(mean, nearest), farthest)
-
-
-@numba.njit(fastmath=FAST_MATH, nogil=True, error_model="numpy", cache=True)
-def fill_responses(
-    u, depths, focal_depth, offset, apodization, pitch, width, speed_of_sound, frequencies, elevation_real,
-    elevation_imag, distance_step, probe_steps, spectra, turns, distances,
-):  # fmt: skip
-    """Compute two-way responses on a grid, and how their phase advances with u, z and the aperture's offset.
-
-    Args as for `one_way`, over u (n_u,) and depths (n_depths,); `probe_steps` (3,) m are small steps of u, z
-    and offset; `spectra` (n_depths, n_u, n_frequencies) and `turns` (n_depths, n_u, 3), the phase's advance
-    over each of them, and `distances` (n_depths, n_u) m receive the results.
-    """
-    n_frequencies = frequencies.shape[0]
-    step = frequencies[1] - frequencies[0]
-    first = n_frequencies // 2 - LANES // 2
-    real, imag = np.empty(n_frequencies, np.float32), np.empty(n_frequencies, np.float32)
-    real_near, imag_near = np.empty(LANES, np.float32), np.empty(LANES, np.float32)
-    lane_real, lane_imag = np.empty(LANES, np.float32), np.empty(LANES, np.float32)
+def _element_field(x, depths, wave_numbers, width, factor, distance_step, moment, field):
+    """Compute g(x, z; f), or r g, into `field` (n_depths, n_frequencies, n_x); wave numbers f / c in 1/m."""
+    n_f, n_x = field.shape[1], field.shape[2]
+    phasor, turn = np.empty(n_x, np.complex64), np.empty(n_x, np.complex64)
+    wave, wave_turn = np.empty(n_x, np.complex64), np.empty(n_x, np.complex64)
+    near = np.empty(n_x, np.int32)
+    first, step = wave_numbers[0], (wave_numbers[-1] - wave_numbers[0]) / max(n_f - 1, 1)
     for i in range(depths.shape[0]):
-        for j in range(u.shape[0]):
-            one_way(
-                u[j], depths[i], focal_depth, offset, apodization, pitch, width, speed_of_sound,
-                frequencies[0], step, elevation_real, elevation_imag, distance_step, real, imag,
-                lane_real, lane_imag,
-            )  # fmt: skip
-            for k in range(n_frequencies):
-                spectra[i, j, k] = complex(real[k] * real[k] - imag[k] * imag[k], 2 * real[k] * imag[k])
-            distances[i, j] = mean_distance(
-                u[j], depths[i], focal_depth, offset, apodization, pitch, width, speed_of_sound,
-                frequencies[n_frequencies // 2],
-            )  # fmt: skip
-            for axis in range(3):
-                one_way(
-                    u[j] + (probe_steps[0] if axis == 0 else 0.0),
-                    depths[i] + (probe_steps[1] if axis == 1 else 0.0),
-                    focal_depth, offset + (probe_steps[2] if axis == 2 else 0.0), apodization, pitch, width,
-                    speed_of_sound, frequencies[first], step, elevation_real[:, first:],
-                    elevation_imag[:, first:], distance_step, real_near, imag_near, lane_real, lane_imag,
-                )  # fmt: skip
-                cosine, sine = 0.0, 0.0
-                for k in range(LANES):
-                    near = complex(real_near[k], imag_near[k])
-                    advance = near * near * spectra[i, j, first + k].conjugate()
-                    cosine += advance.real
-                    sine += advance.imag
-                turns[i, j, axis] = np.arctan2(sine, cosine) / (2 * np.pi)
+        for j in range(n_x):
+            r = np.sqrt(x[j] * x[j] + depths[i] * depths[i])
+            near[j] = min(int(r / distance_step + 0.5), factor.shape[1] - 1)
+            a = np.pi * width * max(abs(x[j]) / r, 1e-9)
+            path = -2.0 * np.pi * r
+            # sin(a f / c) is the imaginary part of the one phasor, propagation is the other.
+            wave[j], wave_turn[j] = np.exp(1j * a * first), np.exp(1j * a * step)
+            gain = 1.0 / a if moment else 1.0 / (a * r)
+            phasor[j], turn[j] = gain * np.exp(1j * path * first), np.exp(1j * path * step)
+        for k in range(n_f):
+            scale = np.float32(1.0 / wave_numbers[k])
+            for j in range(n_x):
+                field[i, k, j] = scale * wave[j].imag * (factor[k, near[j]] * phasor[j])
+                wave[j] = wave[j] * wave_turn[j]
+                phasor[j] = phasor[j] * turn[j]

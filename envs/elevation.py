@@ -2,8 +2,8 @@
 
 rho is the distance from an element's centre in the plane of the array. The element is divided into
 `n_elevation` rectangles in their far field, as Field II does (Jensen and Svendsen 1992); there is no
-elevation focus. Off the plane, the two-way factor (E(y) / E(0))^2 is written as a delay and a few taps at the
-I/Q rate: it is a short filter, and as a plain number it would cost a percent of correlation.
+elevation focus. Off the plane, the two-way factor (E(y) / E(0))^2 is written as a delay and a few taps, whole
+and half samples of the I/Q apart: a filter as short as the accuracy allows, most often of one or three.
 """
 
 from __future__ import annotations
@@ -11,13 +11,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 
+import numba
 import numpy as np
 import numpy.typing as npt
 
 from usbench.envs.probe import LinearArray
 
-N_TAPS = 5
-_TAP_OFFSETS = np.arange(N_TAPS) - N_TAPS // 2
+FAST_MATH = {"contract", "reassoc", "nsz", "arcp", "nnan", "ninf"}
+# In I/Q samples: those on the sample's own grid, then those between.
+WHOLE, HALF = (-1.0, 0.0, 1.0), (-1.5, -0.5, 0.5, 1.5)
+_OFFSETS = WHOLE + HALF
+_KINDS = ((1,), (0, 1, 2), (0, 1, 2, 3, 4, 5, 6))  # the taps that are used, from the cheapest on
+_TOLERANCE = 3e-3  # of the energy, or
+_SILENT = 1e-6  # of the energy on the plane
+_N_FREQUENCIES = 48
 _Y_STEP = 12.5e-6  # so fine that the nearest row will do
 _REFINEMENT = 4  # rows are computed at every fourth step and interpolated between
 _DISTANCE_STEP = 0.25e-3
@@ -25,25 +32,39 @@ _LEAST_DISTANCE = 0.75e-3  # nearer than an element's size the ratio has poles, 
 
 
 def elevation_factor(
-    array: LinearArray, y: float, distances: npt.NDArray[np.float64], frequencies: npt.NDArray[np.float64]
-) -> tuple[npt.NDArray[np.complex128], npt.NDArray[np.float64]]:
+    array: LinearArray, y: float, distances: npt.NDArray[np.floating], frequencies: npt.NDArray[np.floating]
+) -> tuple[npt.NDArray[np.complex64], npt.NDArray[np.float64]]:
     """Return E without its mean delay, (n_distances, n_frequencies), and its path, (n_distances,) m.
 
     E = mean_j rho / r_j * sinc(f h y_j / (r_j c)) * exp(-j 2 pi f (r_j - rho) / c), r_j = hypot(rho, y_j),
-    over the rectangles j of height h at the distance y_j in elevation.
+    over the rectangles j of height h at the distance y_j in elevation. Frequencies are equally spaced.
     """
-    n, c = array.n_elevation, array.speed_of_sound
-    height = array.element_height / n
-    dy = y - (np.arange(n) - (n - 1) / 2) * height
-    r = np.hypot(dy[:, np.newaxis], distances)
-    extra = r.mean(axis=0) - distances
-    factor = np.zeros((len(distances), len(frequencies)), dtype=np.complex128)
-    for dy_j, r_j in zip(dy, r, strict=True):
-        directivity = np.sinc((height * dy_j / c / r_j)[:, np.newaxis] * frequencies)
-        path = (r_j - distances - extra)[:, np.newaxis]
-        gain = (distances / r_j / n)[:, np.newaxis]
-        factor += gain * directivity * np.exp(-2j * np.pi / c * path * frequencies)
+    height = array.element_height / array.n_elevation
+    dy = y - (np.arange(array.n_elevation) - (array.n_elevation - 1) / 2) * height
+    factor = np.zeros((len(distances), len(frequencies)), dtype=np.complex64)
+    extra = np.hypot(dy[:, np.newaxis], distances).mean(axis=0) - distances
+    _add_rectangles(dy, height, distances, extra, frequencies / array.speed_of_sound, factor)
     return factor, extra
+
+
+@numba.njit(fastmath=FAST_MATH, nogil=True, error_model="numpy", cache=True)
+def _add_rectangles(dy, height, distances, extra, wave_numbers, factor):
+    """Add every rectangle to `factor`; wave numbers f / c in 1/m."""
+    first, step = wave_numbers[0], wave_numbers[-1] - wave_numbers[0]
+    step /= max(wave_numbers.shape[0] - 1, 1)
+    for i in range(distances.shape[0]):
+        for j in range(dy.shape[0]):
+            r = np.sqrt(distances[i] * distances[i] + dy[j] * dy[j])
+            a = np.pi * height * max(abs(dy[j]) / r, 1e-9)
+            path = -2.0 * np.pi * (r - distances[i] - extra[i])
+            gain = distances[i] / (r * dy.shape[0] * a)
+            # sin(a f / c) is the imaginary part of the one phasor, propagation is the other.
+            wave, wave_turn = np.exp(1j * a * first), np.exp(1j * a * step)
+            phasor, turn = gain * np.exp(1j * path * first), np.exp(1j * path * step)
+            for k in range(wave_numbers.shape[0]):
+                factor[i, k] += wave.imag / wave_numbers[k] * phasor
+                wave *= wave_turn
+                phasor *= turn
 
 
 @dataclass(frozen=True)
@@ -51,13 +72,15 @@ class ElevationTaps:
     """(E(y, rho; f) / E(0, rho; f))^2 on a grid over |y| and rho.
 
     Attributes:
-        taps: (n_y, n_distances, 2, N_TAPS) float32, real and imaginary parts.
+        taps: (n_y, n_distances, 14) float32, real and imaginary part of each tap, at WHOLE and HALF samples.
+        n_taps: How many are used: 1 (the middle one), 3 (WHOLE) or 7, (n_y, n_distances) int8.
         path: Mean two-way path that y adds, (n_y, n_distances) float32, m.
         y_step: Of the first axis, m.
         distance_step: Of the second axis, m.
     """
 
     taps: npt.NDArray[np.float32]
+    n_taps: npt.NDArray[np.int8]
     path: npt.NDArray[np.float32]
     y_step: float = _Y_STEP
     distance_step: float = _DISTANCE_STEP
@@ -69,21 +92,40 @@ def elevation_taps(array: LinearArray, y_max: float, distance_max: float) -> Ele
     y_grid = np.arange(0.0, y_max + 2 * _Y_STEP * _REFINEMENT, _Y_STEP * _REFINEMENT)
     distances = np.arange(0.0, distance_max + 2 * _DISTANCE_STEP, _DISTANCE_STEP)
     distances = np.maximum(distances, _LEAST_DISTANCE)
-    f0, rate = array.center_frequency, array.iq_sampling_frequency
-    frequencies = np.linspace(f0 - 0.35 * rate, f0 + 0.35 * rate, 16)
+    rate, middle = array.iq_sampling_frequency, array.iq_center_frequency
+    frequencies = middle + rate * ((np.arange(_N_FREQUENCIES) + 0.5) / _N_FREQUENCIES - 0.5)
     weight = np.abs(array.pulse_spectrum(frequencies))
-    basis = np.exp(-2j * np.pi * np.outer(frequencies - f0, _TAP_OFFSETS / rate))
-    fit = (np.linalg.pinv(basis * weight[:, np.newaxis]) * weight).T  # (n_frequencies, N_TAPS)
+    weight = (weight / np.sqrt(np.square(weight).sum())).astype(np.float32)
+    delays = np.exp(-2j * np.pi * np.outer(frequencies - middle, _OFFSETS) / rate) * weight[:, np.newaxis]
+    bases = [delays[:, list(kind)].astype(np.complex64) for kind in _KINDS]
+    fits = [np.linalg.pinv(basis, rcond=1e-4) for basis in bases]
 
     on_plane, on_plane_extra = elevation_factor(array, 0.0, distances, frequencies)
-    taps = np.empty((len(y_grid), len(distances), 2, N_TAPS), dtype=np.float32)
+    taps = np.zeros((len(_KINDS), len(y_grid), len(distances), 2 * len(_OFFSETS)), dtype=np.float32)
+    kinds = np.full((len(y_grid), len(distances)), len(_KINDS) - 1)
     path = np.empty((len(y_grid), len(distances)), dtype=np.float32)
     for i, y in enumerate(y_grid):
         factor, extra = elevation_factor(array, float(y), distances, frequencies)
-        coefficients = np.square(factor / on_plane) @ fit
-        taps[i, :, 0], taps[i, :, 1] = coefficients.real, coefficients.imag
         path[i] = 2.0 * (extra - on_plane_extra)
-    return ElevationTaps(_refined(taps), _refined(path))
+        weighted = np.square(factor / on_plane) * weight
+        allowed = np.maximum(_TOLERANCE * _energy(weighted), _SILENT)
+        for k in reversed(range(len(_KINDS))):
+            coefficients = weighted @ fits[k].T
+            at = 2 * np.array(_KINDS[k])
+            taps[k, i][:, at], taps[k, i][:, at + 1] = coefficients.real, coefficients.imag
+            kinds[i, _energy(weighted - coefficients @ bases[k].T) <= allowed] = k
+    # Between two rows, the longer of their filters.
+    kinds = np.repeat(np.maximum(kinds[:-1], kinds[1:]), _REFINEMENT, axis=0)
+    refined = np.select(
+        [(kinds == k)[:, :, np.newaxis] for k in range(len(_KINDS))], [_refined(one) for one in taps]
+    )
+    n_taps = np.array([len(kind) for kind in _KINDS], dtype=np.int8)[kinds]
+    return ElevationTaps(refined, n_taps, _refined(path))
+
+
+def _energy(spectra: npt.NDArray[np.complex64]) -> npt.NDArray[np.float32]:
+    """Return the sum over the last axis of the squared magnitude."""
+    return np.asarray((np.square(spectra.real) + np.square(spectra.imag)).sum(axis=-1))
 
 
 def _refined(coarse: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:

@@ -94,8 +94,12 @@ class LinearArray:
     @property
     def apodization(self) -> npt.NDArray[np.float64]:
         """Weights of the active elements, (n_active,): MATLAB's `hanning`, without zeros at the ends."""
-        n = np.arange(1, self.n_active + 1)
-        return np.asarray(0.5 * (1.0 - np.cos(2.0 * np.pi * n / (self.n_active + 1))))
+        return self.window((np.arange(self.n_active) - (self.n_active - 1) / 2) * self.pitch)
+
+    def window(self, positions: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
+        """Return the apodisation at `positions` (m) from the aperture's centre, within its width."""
+        width = (self.n_active + 1) * self.pitch
+        return np.asarray(0.5 * (1.0 + np.cos(2.0 * np.pi * positions / width)))
 
     def aperture_centers(self, line_positions: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Return where the centres of the active apertures of lines at (n_lines,) m lie, (n_lines,) m.
@@ -113,13 +117,21 @@ class LinearArray:
 
     @property
     def iq_decimation(self) -> int:
-        """RF samples per I/Q sample; the I/Q rate is at least 1.4 f0, enough for 99.9 % of the pulse."""
+        """RF samples per I/Q sample; the I/Q rate is at least 1.4 f0."""
         return math.floor(self.rf_sampling_frequency / (1.4 * self.center_frequency))
 
     @property
     def iq_sampling_frequency(self) -> float:
         """Sampling frequency of simulated I/Q, Hz."""
         return self.rf_sampling_frequency / self.iq_decimation
+
+    @property
+    def iq_center_frequency(self) -> float:
+        """Middle of the I/Q's band, Hz, a little below f0.
+
+        Where elevation lets little through at f0, the pulse's weak low frequencies are what is heard.
+        """
+        return self.center_frequency - 0.1 * self.iq_sampling_frequency
 
     @cached_property
     def pulse(self) -> npt.NDArray[np.float64]:
@@ -131,11 +143,10 @@ class LinearArray:
         response = np.sin(2 * np.pi * f0 * time) * window
         return np.convolve(np.convolve(excitation, response), response) / fs**2
 
-    def pulse_spectrum(self, frequencies: npt.NDArray[np.float64]) -> npt.NDArray[np.complex128]:
+    def pulse_spectrum(self, frequencies: npt.NDArray[np.floating]) -> npt.NDArray[np.complex128]:
         """Return the Fourier transform of `pulse` at (n_frequencies,) Hz, (n_frequencies,)."""
         time = np.arange(len(self.pulse)) / self.sampling_frequency
-        spectrum: npt.NDArray[np.complex128] = np.exp(-2j * np.pi * np.outer(frequencies, time)) @ self.pulse
-        return spectrum
+        return np.asarray(np.exp(-2j * np.pi * np.outer(frequencies, time)) @ self.pulse)
 
     @cached_property
     def pulse_delay(self) -> float:

@@ -19,7 +19,7 @@ from scipy import fft
 
 from usbench.envs.elevation import ElevationTaps, elevation_taps
 from usbench.envs.probe import LinearArray
-from usbench.envs.response import BLOCK, ResponseTable, offset_classes, response_table
+from usbench.envs.response import BLOCK, FEWEST_SHARED, ResponseTable, response_table
 from usbench.envs.summation import N_PHASES, accumulate, delay_filters, merge
 from usbench.envs.threads import n_threads
 
@@ -56,7 +56,7 @@ def simulate_rf(
     half = n // 2
     spectrum[:half], spectrum[-half:] = (iq_spectrum := fft.fft(iq, axis=0))[:half], iq_spectrum[n - half :]
     time = np.arange(n * factor) / array.rf_sampling_frequency
-    carrier = np.exp(2j * np.pi * array.center_frequency * (time - array.pulse_delay))
+    carrier = np.exp(2j * np.pi * array.iq_center_frequency * (time - array.pulse_delay))
     baseband = fft.ifft(spectrum, axis=0) * np.float32(factor)
     return np.real(baseband * carrier.astype(np.complex64)[:, np.newaxis]), time
 
@@ -81,7 +81,7 @@ def simulate_iq(
 
     Returns:
         iq (n_samples, n_lines) complex64 and time (n_samples,) s at `array.iq_sampling_frequency`;
-        rf = Re(iq exp(2 pi j f0 (t - pulse_delay))).
+        rf = Re(iq exp(2 pi j f (t - pulse_delay))) with f = `array.iq_center_frequency`.
     """
     points, weights, lines = _checked(positions, amplitudes, array, focal_depth, line_positions)
     rate, c = array.iq_sampling_frequency, array.speed_of_sound
@@ -106,17 +106,20 @@ def simulate_iq(
         y_limit = 5e-3 * max(1, math.ceil(reach[1] / 5e-3 - 1e-9))
         taps = elevation_taps(array, y_limit, math.hypot(u_limit + array.n_active * array.pitch, z_limit))
         offsets = lines - array.aperture_centers(lines)
-        classes = offset_classes(array, focal_depth, offsets)
-        for offset in np.unique(classes):
-            of_class = np.flatnonzero(classes == offset)
-            # With the line in the middle of its aperture the response is symmetric.
-            for side in (1.0, -1.0) if offset else (0.0,):
-                mirror = side or 1.0
-                table = response_table(array, focal_depth, u_limit, z_limit, mirror * float(offset))
-                iq[of_class] += _sum(
-                    points * [mirror, 1.0, 1.0], weights, table, taps, array, mirror * lines[of_class],
-                    mirror * (offsets[of_class] - offset), side != 0.0, n_samples,
-                )  # fmt: skip
+        shared = np.abs(offsets) <= array.pitch / 2 * (1 + 1e-9)
+        shared &= array.n_active >= FEWEST_SHARED
+        if shared.any():
+            table = response_table(array, focal_depth, u_limit, z_limit)
+            iq[shared] = _sum(points, weights, table, taps, array, lines[shared], offsets[shared], n_samples)
+        # For others, as those beyond the array's last full aperture, each side of each line has a table.
+        for line in np.flatnonzero(~shared):
+            for mirror in (1.0, -1.0):
+                side = points[:, 0] >= lines[line] if mirror > 0 else points[:, 0] < lines[line]
+                table = response_table(array, focal_depth, u_limit, z_limit, mirror * float(offsets[line]))
+                iq[line] += _sum(
+                    points[side] * [mirror, 1.0, 1.0], weights[side], table, taps, array,
+                    mirror * lines[[line]], np.zeros(1), n_samples,
+                )[0]  # fmt: skip
     return np.ascontiguousarray(iq.T), np.arange(n_samples) / rate
 
 
@@ -161,13 +164,11 @@ def _sum(
     array: LinearArray,
     lines: npt.NDArray[np.float64],
     offsets: npt.NDArray[np.float64],
-    one_sided: bool,
     n_samples: int,
 ) -> npt.NDArray[np.complex64]:
     """Add up the scatterers, sorted by depth, for every line, (n_lines, n_samples).
 
-    `offsets` (n_lines,) m are those that the table does not have yet; if `one_sided`, scatterers left of the
-    line are left out.
+    `offsets` (n_lines,) m are those of the lines from their apertures' centres.
     """
     x, y, z = (np.ascontiguousarray(column) for column in points.T)
     row = np.searchsorted(table.depths, z, side="right") - 1
@@ -175,23 +176,24 @@ def _sum(
     fraction = np.clip((z - table.depths[row]) / np.diff(table.depths)[row], 0.0, 1.0).astype(np.float32)
     y_row = np.rint(np.abs(y) / taps.y_step).astype(np.int32)
     first, last = table.span
-    margin, wave_length = 2 * BLOCK + max(-first, last), last - first + 2 * BLOCK
+    margin, wave_length = 3 * BLOCK + max(-first, last), last - first + 3 * BLOCK
     iq = np.empty((len(lines), n_samples), dtype=np.complex64)
     fir = delay_filters()
     rate, c = array.iq_sampling_frequency, array.speed_of_sound
 
     def run(part: slice) -> None:
-        if part.start < part.stop:
-            n_total = n_samples + 2 * margin
-            sums_real, sums_imag = np.zeros((2, part.stop - part.start, N_PHASES, n_total), dtype=np.float32)
-            accumulate(
-                x, z, y_row, row, fraction, weights.astype(np.float32), table.real, table.imag, table.nodes,
-                table.cells, taps.taps, taps.path, lines[part], 2.0 / array.pitch * offsets[part],
-                1.0 / table.u_step, 1.0 / taps.distance_step, N_PHASES * rate / c,
-                N_PHASES * (array.pulse_delay * rate + margin) + 0.5, array.center_frequency / c,
-                n_total, wave_length, one_sided, sums_real.reshape(-1), sums_imag.reshape(-1),
-            )  # fmt: skip
-            merge(sums_real, sums_imag, fir, margin, iq[part])
+        if part.start == part.stop:
+            return
+        n_total = n_samples + 2 * margin
+        sums_real, sums_imag = np.zeros((2, part.stop - part.start, N_PHASES, n_total), dtype=np.float32)
+        accumulate(
+            x, z, y_row, row, fraction, weights.astype(np.float32), table.real, table.imag, table.cells,
+            table.farther, table.parts, table.waves, taps.taps, taps.n_taps, taps.path, lines[part],
+            offsets[part] / array.pitch, 1.0 / table.u_step, 1.0 / taps.distance_step, N_PHASES * rate / c,
+            N_PHASES * (array.pulse_delay * rate + margin) + 0.5, array.iq_center_frequency / c, n_total,
+            wave_length, sums_real.reshape(-1), sums_imag.reshape(-1),
+        )  # fmt: skip
+        merge(sums_real, sums_imag, fir, margin, iq[part])
 
     n_parts = min(n_threads(), len(lines))
     bounds = [len(lines) * k // n_parts for k in range(n_parts + 1)]

@@ -12,124 +12,131 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from usbench.envs.aperture import FAST_MATH
+from usbench.envs.elevation import FAST_MATH
 from usbench.envs.response import BLOCK
-from usbench.envs.vector import add_product
+from usbench.envs.vector import weighted_sum
 
 PHASE_BITS = 3
 N_PHASES = 1 << PHASE_BITS  # a delay is rounded to this part of an I/Q sample
 _N_FIR = 16
-_SLAB = 16  # scatterers that all lines take before the next: neighbours in depth share rows of the tables
-_FAR = 1 << 20
-_SILENT_TAP = np.float32(2e-3)
+_GROUP = 16  # pairs that are interpolated before they are filtered
+
+_interpolate, _add_interpolated = weighted_sum(2, add=False), weighted_sum(2)
+_clear = weighted_sum(0, add=False)
+_add_one, _add_whole, _add_half = weighted_sum(1), weighted_sum(3), weighted_sum(4)
 
 
+# One long function, since arrays handed to another are counted as in use: a quarter of the time.
 @numba.njit(fastmath=FAST_MATH, nogil=True, error_model="numpy", cache=True)
 def accumulate(
-    x, z, y_row, row, fraction, weights, table_real, table_imag, nodes, cells, taps, path, lines, order_turns,
-    columns_per_m, distances_per_m, ticks_per_m, ticks_at_zero, turns_per_m, n_total, wave_length, one_sided,
-    sums_real, sums_imag,
+    x, z, y_row, row, fraction, amplitudes, table_real, table_imag, cells, farther, parts, waves, taps,
+    n_taps, path, lines, offset_turns, columns_per_m, distances_per_m, ticks_per_m, ticks_at_zero,
+    turns_per_m, n_total, wave_length, sums_real, sums_imag,
 ):  # fmt: skip
     """Add every scatterer's waveform to the sums, each (n_lines, N_PHASES, n_total) laid out flat."""
-    n_u, n_wave, n_taps = nodes.shape[1], wave_length, taps.shape[3]
-    wave_real, wave_imag = np.zeros(_SLAB * n_wave, np.float32), np.zeros(_SLAB * n_wave, np.float32)
-    lengths, targets = np.zeros(_SLAB, np.int64), np.zeros(_SLAB, np.int64)
-    weight = np.zeros((_SLAB, n_taps, 2), np.float32)
-    for slab in range(0, x.shape[0], _SLAB):
-        for line in range(lines.shape[0]):
-            n_waves = 0
-            for s in range(slab, min(slab + _SLAB, x.shape[0])):
-                if one_sided and x[s] < lines[line]:
-                    continue
-                u = abs(x[s] - lines[line])
-                q = u * columns_per_m
-                column, i = int(q), row[s]
-                if column >= n_u - 1:
-                    continue
-                n0, n1 = nodes[i, column, 2], nodes[i, column + 1, 2]
-                n2, n3 = nodes[i + 1, column, 2], nodes[i + 1, column + 1, 2]
-                if not (n0 | n1 | n2 | n3):
-                    continue
+    n_u, n_lines = cells.shape[1], lines.shape[0]
+    wave_real, wave_imag = (
+        np.zeros(_GROUP * wave_length, np.float32),
+        np.zeros(_GROUP * wave_length, np.float32),
+    )
+    heard, columns = np.empty(n_lines, np.int64), np.empty(n_lines, np.int64)
+    delay, filters = np.empty(n_lines, np.int64), np.empty(n_lines, np.int64)
+    offset = np.empty(n_lines, np.float64)
+    source, weight = np.empty((16 * n_lines, 4), np.int64), np.empty((16 * n_lines, 4), np.float32)
+    for s in range(x.shape[0]):
+        i, iy, wz = row[s], y_row[s], fraction[s]
+        deeper = int(wz > np.float32(0.5))
 
-                # Arrival: geometric delay in the plane, and what elevation adds.
-                rho = math.sqrt(u * u + z[s] * z[s])
-                r = (rho + cells[i, column, 6]) * distances_per_m
-                k, iy = int(r), y_row[s]
-                wr = np.float32(r - k)
-                vr = np.float32(1) - wr
-                way = 2.0 * rho + (path[iy, k] * vr + path[iy, k + 1] * wr)
-                tick = int(way * ticks_per_m + ticks_at_zero)
+        # The lines that hear the scatterer.
+        n = 0
+        for line in range(n_lines):
+            u = abs(x[s] - lines[line])
+            column = int(u * columns_per_m)
+            if column < n_u and cells[i, column, 1] > 0:
+                heard[n], columns[n], offset[n] = line, column, u
+                n += 1
 
-                # Weights of the cell's four corners, around its local plane wave.
-                wu, wz = np.float32(q - column), fraction[s]
-                vu, vz = np.float32(1) - wu, np.float32(1) - wz
-                order = nodes[i + (wz > 0.5), column + (wu > 0.5), 3]
-                turns = order * order_turns[line]
-                turns = (turns if x[s] >= lines[line] else -turns) - way * turns_per_m
-                along_u, along_z = cells[i, column, 0], cells[i, column, 1]
-                c, d = _cos_sin(np.float32(turns - math.floor(turns)) + along_u * wu + along_z * wz)
-                c, d = weights[s] * c, weights[s] * d
-                cos_u, sin_u = cells[i, column, 2], cells[i, column, 4]
-                cos_z, sin_z = cells[i, column, 3], cells[i, column, 5]
-                c_u, d_u = c * cos_u + d * sin_u, d * cos_u - c * sin_u
-                c_z, d_z = c * cos_z + d * sin_z, d * cos_z - c * sin_z
-                c_uz, d_uz = c_u * cos_z + d_u * sin_z, d_u * cos_z - c_u * sin_z
+        n_items = 0
+        for m in range(n):
+            # Arrival: geometric delay in the plane, and what elevation adds.
+            column, line = columns[m], heard[m]
+            rho = math.sqrt(offset[m] * offset[m] + z[s] * z[s])
+            r = (rho + farther[i, column]) * distances_per_m
+            k = int(r)
+            beyond = np.float32(r - k)
+            way = 2.0 * rho + (path[iy, k] + beyond * (path[iy, k + 1] - path[iy, k]))
+            delay[m] = int(way * ticks_per_m + ticks_at_zero)
+            turns = way * turns_per_m
+            turn = np.float32(math.floor(turns) - turns)
+            filters[m] = k + (beyond > np.float32(0.5))
 
-                # The interpolated waveform, with zeros on either side.
-                s0, s1 = nodes[i, column, 1], nodes[i, column + 1, 1]
-                s2, s3 = nodes[i + 1, column, 1], nodes[i + 1, column + 1, 1]
-                low = min(
-                    min(s0 if n0 else _FAR, s1 if n1 else _FAR), min(s2 if n2 else _FAR, s3 if n3 else _FAR)
-                )
-                high = max(
-                    max(s0 + n0 if n0 else -_FAR, s1 + n1 if n1 else -_FAR),
-                    max(s2 + n2 if n2 else -_FAR, s3 + n3 if n3 else -_FAR),
-                )
-                length = high - low
-                target = (tick >> PHASE_BITS) + low - n_taps // 2
-                if target < 0 or target + length + BLOCK > n_total:
-                    continue
-                wave = n_waves * n_wave
-                _clear(wave_real, wave_imag, wave, length + 2 * BLOCK)
-                low -= wave + BLOCK
-                _add(wave_real, wave_imag, s0 - low, table_real, table_imag, nodes[i, column, 0], n0,
-                     vu * vz * c, vu * vz * d)  # fmt: skip
-                _add(wave_real, wave_imag, s1 - low, table_real, table_imag, nodes[i, column + 1, 0], n1,
-                     wu * vz * c_u, wu * vz * d_u)  # fmt: skip
-                _add(wave_real, wave_imag, s2 - low, table_real, table_imag, nodes[i + 1, column, 0], n2,
-                     vu * wz * c_z, vu * wz * d_z)  # fmt: skip
-                _add(wave_real, wave_imag, s3 - low, table_real, table_imag, nodes[i + 1, column + 1, 0], n3,
-                     wu * wz * c_uz, wu * wz * d_uz)  # fmt: skip
-                lengths[n_waves] = length + BLOCK
-                targets[n_waves] = (line * N_PHASES + (tick & (N_PHASES - 1))) * n_total + target
-                for tap in range(n_taps):
-                    weight[n_waves, tap, 0] = vr * taps[iy, k, 0, tap] + wr * taps[iy, k + 1, 0, tap]
-                    weight[n_waves, tap, 1] = vr * taps[iy, k, 1, tap] + wr * taps[iy, k + 1, 1, tap]
-                n_waves += 1
+            # Weights of the two columns, around the local plane wave of every part.
+            wu = np.float32(offset[m] * columns_per_m - column)
+            vu = np.float32(1) - wu
+            lobe = offset_turns[line] if x[s] < lines[line] else -offset_turns[line]
+            first = cells[i, column, 0]
+            for p in range(first, first + cells[i, column, 1]):
+                c, d = _cos_sin(turn + np.float32(parts[p, 6] * lobe) + waves[p, 0] * wu + waves[p, 1] * wz)
+                c, d = amplitudes[s] * c, amplitudes[s] * d
+                if deeper:
+                    c, d = c * waves[p, 3] + d * waves[p, 5], d * waves[p, 3] - c * waves[p, 5]
+                weight[n_items, 0], weight[n_items, 1] = vu * c, vu * d
+                weight[n_items, 2] = wu * (c * waves[p, 2] + d * waves[p, 4])
+                weight[n_items, 3] = wu * (d * waves[p, 2] - c * waves[p, 4])
+                start = parts[p, 4]
+                source[n_items, 0] = parts[p, 2 * deeper] + start
+                source[n_items, 1] = parts[p, 2 * deeper + 1] + start
+                source[n_items, 2], source[n_items, 3] = start - cells[i, column, 2], parts[p, 5]
+                n_items += 1
+
+        item = 0
+        for group in range(0, n, _GROUP):
+            n_waves = min(_GROUP, n - group)
+            for w in range(n_waves):
+                # The sum of the cell's parts, between zeros for the filter.
+                column, at = columns[group + w], w * wave_length + BLOCK
+                n_parts, length = cells[i, column, 1], cells[i, column, 3]
+                _clear(wave_real, wave_imag, at - BLOCK, BLOCK, table_real, table_imag, (), ())
+                _clear(wave_real, wave_imag, at + length, BLOCK, table_real, table_imag, (), ())
+                if n_parts > 1:
+                    _clear(wave_real, wave_imag, at, length, table_real, table_imag, (), ())
+                for _ in range(n_parts):
+                    a = weight[item, 0], weight[item, 1], weight[item, 2], weight[item, 3]
+                    o = source[item, 0], source[item, 1]
+                    if n_parts == 1:
+                        _interpolate(wave_real, wave_imag, at, length, table_real, table_imag, o, a)
+                    else:
+                        first, size = at + source[item, 2], source[item, 3]
+                        _add_interpolated(wave_real, wave_imag, first, size, table_real, table_imag, o, a)
+                    item += 1
 
             # Apart from the loop above, as a processor stalls where it reads what it has only just written.
             for w in range(n_waves):
-                for tap in range(n_taps):
-                    a, b = weight[w, tap, 0], weight[w, tap, 1]
-                    if abs(a) + abs(b) > _SILENT_TAP:
-                        first = w * n_wave + BLOCK - tap
-                        _add(sums_real, sums_imag, targets[w], wave_real, wave_imag, first, lengths[w], a, b)
-
-
-@numba.njit(nogil=True, error_model="numpy", forceinline=True)
-def _add(real, imag, first, source_real, source_imag, source_first, n, a, b):
-    """Add (a + jb) times n samples of the source (whole blocks) to n samples from `first` on."""
-    for m in range(0, n, BLOCK):
-        add_product(real, imag, first + m, source_real, source_imag, source_first + m, a, b)
-
-
-@numba.njit(nogil=True, error_model="numpy", forceinline=True)
-def _clear(real, imag, first, n):
-    """Set n samples from `first` on to 0."""
-    p, q = real[first : first + n], imag[first : first + n]
-    for m in range(n):
-        p[m] = 0
-        q[m] = 0
+                m, at = group + w, w * wave_length + BLOCK
+                start, length = cells[i, columns[m], 2], cells[i, columns[m], 3]
+                first = (delay[m] >> PHASE_BITS) + start
+                if first < 2 or first + length + 2 * BLOCK > n_total:
+                    continue
+                k, base = filters[m], heard[m] * N_PHASES * n_total
+                to = base + (delay[m] & (N_PHASES - 1)) * n_total + first
+                one = taps[iy, k, 2], taps[iy, k, 3]
+                if n_taps[iy, k] == 1:
+                    _add_one(sums_real, sums_imag, to, length, wave_real, wave_imag, (at,), one)
+                    continue
+                # Filtered waves begin one or two samples earlier.
+                length += BLOCK
+                f = taps[iy, k, 0], taps[iy, k, 1], one[0], one[1], taps[iy, k, 4], taps[iy, k, 5]
+                at3 = at, at - 1, at - 2
+                _add_whole(sums_real, sums_imag, to - 1, length, wave_real, wave_imag, at3, f)
+                if n_taps[iy, k] > 3:
+                    later = delay[m] + N_PHASES // 2
+                    to = base + (later & (N_PHASES - 1)) * n_total + (later >> PHASE_BITS) + start
+                    g = (
+                        taps[iy, k, 6], taps[iy, k, 7], taps[iy, k, 8], taps[iy, k, 9],
+                        taps[iy, k, 10], taps[iy, k, 11], taps[iy, k, 12], taps[iy, k, 13],
+                    )  # fmt: skip
+                    at4 = at, at - 1, at - 2, at - 3
+                    _add_half(sums_real, sums_imag, to - 2, length, wave_real, wave_imag, at4, g)
 
 
 @numba.njit(fastmath=FAST_MATH, nogil=True, error_model="numpy", forceinline=True)
@@ -142,10 +149,11 @@ def _cos_sin(turns):
     s = w * (
         np.float32(1) - w2 * (np.float32(1 / 6) - w2 * (np.float32(1 / 120) - w2 * np.float32(1 / 5040)))
     )
-    n = int(quarter) & 3
-    if n & 1:
-        c, s = -s, c
-    return (-c, -s) if n & 2 else (c, s)
+    n = int(quarter)
+    odd = (n & 1) != 0
+    p, q = (-s if odd else c), (c if odd else s)
+    sign = np.float32(1 - (n & 2))
+    return sign * p, sign * q
 
 
 @lru_cache(maxsize=1)

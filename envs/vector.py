@@ -1,4 +1,4 @@
-"""Complex multiply-add of eight float32 samples as vector instructions.
+"""Weighted sums of a few complex sequences, eight float32 samples at a time, as vector instructions.
 
 A loop over array slices would do, but its code first proves at run time, for every few samples, that source
 and destination do not overlap; here they never do, and that proof cost more than the arithmetic.
@@ -10,55 +10,74 @@ from typing import Any
 
 from llvmlite import ir
 from numba import types
+from numba.core import cgutils
 from numba.extending import intrinsic
 
 LANES = 8
 
 
-@intrinsic
-def add_product(
-    typing_context: Any,
-    real: Any,
-    imag: Any,
-    first: Any,
-    source_real: Any,
-    source_imag: Any,
-    source_first: Any,
-    a: Any,
-    b: Any,
-) -> Any:
-    """Add (a + jb) times LANES samples of the source to those of real + j imag, from their first indices on.
+def weighted_sum(n_terms: int, add: bool = True) -> Any:
+    """Return a function for compiled code that sums `n_terms` weighted parts of a complex source.
 
-    Nothing is checked: arrays are contiguous float32, indices in range, source and destination apart.
+    f(real, imag, first, n, source_real, source_imag, firsts, weights): n samples from `first` on, in whole
+    vectors of LANES, become (or with `add`, are increased by) the sum over k of those of the source from
+    firsts[k] on, times weights[2 k] + j weights[2 k + 1]. Nothing is checked: arrays are contiguous float32,
+    tuples hold int64 and float32, indices are in range, source and destination apart.
     """
-    signature = types.void(
-        real, imag, types.int64, source_real, source_imag, types.int64, types.float32, types.float32
-    )
 
-    def codegen(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> Any:
-        vector = ir.VectorType(ir.FloatType(), LANES)
-        undefined = ir.Constant(vector, ir.Undefined)
-        zeros = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
+    @intrinsic
+    def summed(
+        typing_context: Any, real: Any, imag: Any, first: Any, n: Any, source_real: Any, source_imag: Any,
+        firsts: Any, weights: Any,
+    ) -> Any:  # fmt: skip
+        indices, factors = types.UniTuple(types.int64, n_terms), types.UniTuple(types.float32, 2 * n_terms)
+        signature = types.void(
+            real, imag, types.int64, types.int64, source_real, source_imag, indices, factors
+        )  # fmt: skip
 
-        def pointer(array: int, index: int) -> Any:
-            data = context.make_array(sig.args[array])(context, builder, args[array]).data
-            return builder.bitcast(builder.gep(data, [args[index]]), vector.as_pointer())
+        def codegen(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> Any:
+            vector = ir.VectorType(ir.FloatType(), LANES)
+            undefined = ir.Constant(vector, ir.Undefined)
+            zeros = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
 
-        def everywhere(value: Any) -> Any:
-            one = builder.insert_element(undefined, value, ir.Constant(ir.IntType(32), 0))
-            return builder.shuffle_vector(one, undefined, zeros)
+            def start(array: int, index: Any) -> Any:
+                data = context.make_array(sig.args[array])(context, builder, args[array]).data
+                return builder.gep(data, [index])
 
-        def fused(u: Any, v: Any, w: Any) -> Any:
-            return builder.fadd(builder.fmul(u, v, flags=("contract",)), w, flags=("contract",))
+            def at(pointer: Any, index: Any) -> Any:
+                return builder.bitcast(builder.gep(pointer, [index]), vector.as_pointer())
 
-        targets = pointer(0, 2), pointer(1, 2)
-        g, h = (builder.load(pointer(array, 5), align=4) for array in (3, 4))
-        p, q = (builder.load(target, align=4) for target in targets)
-        weight, turned = everywhere(args[6]), everywhere(args[7])
-        p = fused(weight, g, fused(builder.fneg(turned), h, p))
-        q = fused(weight, h, fused(turned, g, q))
-        builder.store(p, targets[0], align=4)
-        builder.store(q, targets[1], align=4)
-        return context.get_dummy_value()
+            def everywhere(value: Any) -> Any:
+                one = builder.insert_element(undefined, value, ir.Constant(ir.IntType(32), 0))
+                return builder.shuffle_vector(one, undefined, zeros)
 
-    return signature, codegen
+            flags = ("contract", "nsz")
+
+            def fused(u: Any, v: Any, w: Any) -> Any:
+                return builder.fadd(builder.fmul(u, v, flags=flags), w, flags=flags)
+
+            targets = start(0, args[2]), start(1, args[2])
+            sources = [
+                [start(array, builder.extract_value(args[6], k)) for array in (4, 5)] for k in range(n_terms)
+            ]
+            factors = [everywhere(builder.extract_value(args[7], k)) for k in range(2 * n_terms)]
+            nothing = ir.Constant(vector, [0.0] * LANES)
+            whole = args[3].type
+            with cgutils.for_range_slice(builder, whole(0), args[3], whole(LANES)) as (index, _):
+                # Two sums of every second term: a processor waits less for the one before.
+                sums = [[nothing, nothing], [nothing, nothing]]
+                if add:
+                    sums[0] = [builder.load(at(target, index), align=4) for target in targets]
+                for k, source in enumerate(sources):
+                    p, q = sums[k % 2]
+                    g, h = (builder.load(at(pointer, index), align=4) for pointer in source)
+                    a, b = factors[2 * k], factors[2 * k + 1]
+                    sums[k % 2] = [fused(a, g, fused(builder.fneg(b), h, p)), fused(a, h, fused(b, g, q))]
+                for target, one, other in zip(targets, *sums, strict=True):
+                    total = builder.fadd(one, other, flags=("nsz",)) if n_terms > 1 else one
+                    builder.store(total, at(target, index), align=4)
+            return context.get_dummy_value()
+
+        return signature, codegen
+
+    return summed

@@ -75,20 +75,9 @@ def test_frame_against_the_closed_form(reference, frames, k, bound):
     assert correlation(frames[k][:, reference["ref_lines"]], reference["rf_exact"][k].T) >= bound
 
 
-# Not met yet, with what is measured; strict, so that an engine that meets them says so (docs/physics.md).
-POINTS_MISSED = {
-    (0, 2): "at y = 5 mm: correlation 0.95, gain -1.5 dB, 28 dB below the strongest",
-    (1, 0): "at x = 15 mm, in a grating lobe: correlation 0.93, 21 dB below the strongest",
-    (1, 2): "at y = 5 mm: correlation 0.95, 29 dB below the strongest",
-    (1, 3): "at y = 5 mm: correlation 0.92, gain -1.9 dB, 25 dB below the strongest",
-}
-
-
 @pytest.mark.parametrize("depth", range(6))
 @pytest.mark.parametrize("k", range(2))
-def test_single_points_against_field_ii(request, reference, gain, k, depth):
-    if (k, depth) in POINTS_MISSED:
-        request.applymarker(pytest.mark.xfail(strict=True, reason=POINTS_MISSED[k, depth]))
+def test_single_points_against_field_ii(reference, gain, k, depth):
     expected = reference["pt_rf"][k, depth].astype(float)
     peaks = np.abs(expected).max(axis=-1)
     wrong = []
@@ -120,7 +109,7 @@ def test_the_exact_model_of_these_tests_against_field_ii(reference, gain):
         rf = exact.rf([point], [1.0], ARRAY, FOCI[k], [0.0], time)[:, 0]
         expected = reference["pt_rf"][k, iz, ix, iy] * gain
         assert correlation(rf, expected) >= 0.9995
-        assert np.abs(rf).max() == pytest.approx(np.abs(expected).max(), rel=0.02)
+        assert np.abs(rf).max() / np.abs(expected).max() == pytest.approx(1.0, rel=0.02)
 
 
 # Against theory
@@ -150,7 +139,7 @@ def test_rf_is_the_real_part_of_its_iq():
     assert np.diff(time) == pytest.approx(1 / ARRAY.rf_sampling_frequency) and 1 / time[1] >= 25e6
     assert iq.dtype == np.complex64 and iq_time[1] == pytest.approx(1 / ARRAY.iq_sampling_frequency)
     every = time[:: ARRAY.iq_decimation][: len(iq)]
-    carrier = np.exp(2j * np.pi * ARRAY.center_frequency * (every - ARRAY.pulse_delay))
+    carrier = np.exp(2j * np.pi * ARRAY.iq_center_frequency * (every - ARRAY.pulse_delay))
     expected = (iq[:, 0] * carrier).real
     assert rf[:: ARRAY.iq_decimation, 0] == pytest.approx(expected, abs=1e-4 * np.abs(expected).max())
 
@@ -308,7 +297,7 @@ def check(array, focal_depth, lines=LINES, points=CLOUD, weights=WEIGHTS, bound=
     rf, time = simulate_rf(points, weights, array, focal_depth, lines)
     expected = exact.rf(points, weights, array, focal_depth, lines, time)
     assert correlation(rf, expected) >= bound
-    assert np.linalg.norm(rf) == pytest.approx(np.linalg.norm(expected), rel=0.12)
+    assert np.linalg.norm(rf) / np.linalg.norm(expected) == pytest.approx(1.0, rel=0.12)
 
 
 @pytest.mark.parametrize(
