@@ -28,10 +28,11 @@ from usbench.envs.bmode import Imaging
 from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Pose
 from usbench.envs.probe import LinearArray
-from usbench.envs.scanner import scan
+from usbench.envs.scanner import scan, scan_batch
 
 Frame = npt.NDArray[np.uint8]
 Progress = Callable[[int, int], None]
+_BATCH = 12  # frames that are made side by side, and told of together
 
 _LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "opencv-python-headless")
 
@@ -89,11 +90,18 @@ class FrameStore:
         """Simulate what is missing of `poses` and keep it on disk; `progress(done, total)` after each."""
         self._load()
         missing = [pose for pose in dict.fromkeys(poses) if pose not in self._frames]
-        missing.sort(key=lambda pose: pose.focal_depth_mm)  # the simulator holds tables of some depths only
-        for done, pose in enumerate(missing, start=1):
-            self.frame(pose)
-            if progress is not None:
-                progress(done, len(missing))
+        phantom, array, imaging = self._scene
+        done = 0
+        for depth in sorted({pose.focal_depth_mm for pose in missing}):  # each has tables of its own
+            alike = [pose for pose in missing if pose.focal_depth_mm == depth]
+            for start in range(0, len(alike), _BATCH):
+                batch = alike[start : start + _BATCH]
+                frames = scan_batch([(phantom, pose) for pose in batch], array, imaging)
+                for pose, frame in zip(batch, frames, strict=True):
+                    self._keep(pose, frame)
+                    done += 1
+                    if progress is not None:
+                        progress(done, len(missing))
         if missing:
             self._save()
 

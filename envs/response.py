@@ -7,7 +7,6 @@ waveforms are turned by it, interpolated between two columns, and taken from the
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -16,7 +15,7 @@ import numpy.typing as npt
 
 from usbench.envs.aperture import Floats, aperture
 from usbench.envs.probe import LinearArray
-from usbench.envs.threads import n_threads
+from usbench.envs.threads import in_parallel
 from usbench.envs.two_way import Rows, orders_of, tabulate
 from usbench.envs.vector import LANES
 
@@ -88,8 +87,7 @@ def response_table(
         array, focal_depth, frequencies, u_max, float(depths[-1]), oversampling, stride, lobes, offset or 0.0
     )
     chunks = [depths[i : i + _ROWS + 1] for i in range(0, len(depths) - 1, _ROWS)]
-    with ThreadPoolExecutor(n_threads()) as pool:
-        rows = list(pool.map(lambda chunk: tabulate(beam, chunk, n_samples), chunks))
+    rows = in_parallel(lambda chunk: tabulate(beam, chunk, n_samples), chunks)
     return _joined(orders_of(beam), depths[:-1], float(beam.u[1]), rows)
 
 

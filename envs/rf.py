@@ -11,7 +11,6 @@ centre frequency. Time zero of a line is the instant at which its reference poin
 from __future__ import annotations
 
 import math
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import numpy.typing as npt
@@ -21,7 +20,7 @@ from usbench.envs.elevation import ElevationTaps, elevation_taps
 from usbench.envs.probe import LinearArray
 from usbench.envs.response import BLOCK, FEWEST_SHARED, ResponseTable, response_table
 from usbench.envs.summation import N_PHASES, accumulate, delay_filters, merge
-from usbench.envs.threads import n_threads
+from usbench.envs.threads import in_parallel, n_threads
 
 _MAX_DISTANCE = 0.5
 
@@ -197,6 +196,5 @@ def _sum(
 
     n_parts = min(n_threads(), len(lines))
     bounds = [len(lines) * k // n_parts for k in range(n_parts + 1)]
-    with ThreadPoolExecutor(n_parts) as pool:
-        list(pool.map(run, [slice(a, b) for a, b in zip(bounds[:-1], bounds[1:], strict=True)]))
+    in_parallel(run, [slice(a, b) for a, b in zip(bounds[:-1], bounds[1:], strict=True)])
     return iq

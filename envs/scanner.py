@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
@@ -10,6 +12,7 @@ from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Pose
 from usbench.envs.probe import DEFAULT_ARRAY, LinearArray
 from usbench.envs.rf import simulate_iq
+from usbench.envs.threads import in_parallel
 
 HALF_WIDTH = 20e-3
 HALF_THICKNESS = 5e-3
@@ -32,3 +35,25 @@ def scan(
         speed_of_sound=array.speed_of_sound,
         imaging=imaging,
     )
+
+
+def scan_batch(
+    scenes: Sequence[tuple[Phantom, Pose]],
+    array: LinearArray = DEFAULT_ARRAY,
+    imaging: Imaging = DEFAULT_IMAGING,
+) -> npt.NDArray[np.uint8]:
+    """Return the frames of many phantoms and poses at once, (n, height_px, width_px) uint8.
+
+    The same bits as `scan` one by one, faster: every core makes frames of its own.
+    """
+    frames = np.empty((len(scenes), imaging.height_px, imaging.width_px), dtype=np.uint8)
+
+    def make(k: int) -> None:
+        frames[k] = scan(*scenes[k], array, imaging)
+
+    depths = [pose.focal_depth_mm for _, pose in scenes]
+    for depth in sorted(set(depths)):
+        first, *others = (k for k in range(len(scenes)) if depths[k] == depth)
+        make(first)  # all cores make the tables of this depth
+        in_parallel(make, others)
+    return frames

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from usbench import cli
-from usbench.envs import cache, frames
+from usbench.envs import cache, frames, scanner
 from usbench.envs.bmode import Imaging
 from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Pose
@@ -16,7 +16,7 @@ def folder(monkeypatch, tmp_path):
     """A cache of this test alone, with three frames of one phantom."""
     monkeypatch.setenv("USBENCH_CACHE", str(tmp_path / "cache"))
     monkeypatch.setenv("COLUMNS", "120")
-    monkeypatch.setattr(frames, "scan", lambda *_: np.zeros((90, 40), np.uint8))
+    monkeypatch.setattr(scanner, "scan", lambda *_: np.zeros((90, 40), np.uint8))
     store = frames.FrameStore(Phantom(seed=7), LinearArray(), Imaging())
     store.prepare([Pose(x, 50, 0) for x in (-5, 0, 5)])
     return tmp_path / "cache"

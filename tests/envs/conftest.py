@@ -50,7 +50,9 @@ def scans(monkeypatch, tmp_path):
         return coded_scan(phantom, pose, array, imaging)
 
     monkeypatch.setenv("USBENCH_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr("usbench.envs.frames.scan", scan)
+    monkeypatch.setenv("USBENCH_THREADS", "1")  # for the order of the calls
+    for module in ("frames", "scanner"):  # one by one, and in batches
+        monkeypatch.setattr(f"usbench.envs.{module}.scan", scan)
     return calls
 
 

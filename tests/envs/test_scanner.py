@@ -9,7 +9,7 @@ from usbench.envs.bmode import Imaging
 from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Pose
 from usbench.envs.probe import LinearArray
-from usbench.envs.scanner import scan
+from usbench.envs.scanner import scan, scan_batch
 
 PHANTOM = Phantom()
 
@@ -114,3 +114,18 @@ def test_same_bytes_for_any_number_of_threads(frame, monkeypatch):
     for n in ("1", "2", "3"):
         monkeypatch.setenv("USBENCH_THREADS", n)
         assert np.array_equal(scan(PHANTOM, Pose()), frame)
+
+
+def test_a_batch_has_the_bits_of_the_frames_one_by_one(monkeypatch):
+    scenes = [(Phantom(seed), Pose(x, 50, angle)) for seed in (0, 1) for x, angle in ((0, 0), (10, 45))]
+    scenes.append((Phantom(1), Pose(-5, 45, 0)))
+    batch = scan_batch(scenes)
+    assert batch.shape == (5, 90, 40) and batch.dtype == np.uint8
+    for frame, scene in zip(batch, scenes, strict=True):
+        assert np.array_equal(frame, scan(*scene))
+    monkeypatch.setenv("USBENCH_THREADS", "1")
+    assert np.array_equal(scan_batch(scenes), batch)
+
+
+def test_an_empty_batch_has_no_frames():
+    assert scan_batch([]).shape == (0, 90, 40)
