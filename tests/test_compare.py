@@ -1,5 +1,6 @@
 """`usbench compare` and `usbench search`: what is planned, written, refused, and the exit statuses."""
 
+import shutil
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -77,6 +78,21 @@ def test_comparison_from_end_to_end_and_the_same_bytes_once_more(here, capsys):
     assert cli.main(["compare", *GRID]) == 0
     assert "0 trials to run, 10 finished already" in capsys.readouterr().err
     assert contents(here) == before
+    # From the tables alone, without the trials.
+    shutil.rmtree("runs")
+    for path in made:
+        Path(path).unlink()
+    assert cli.main(["leaderboard"]) == 0
+    assert capsys.readouterr().out.split() == made
+    assert contents(here) == {
+        path: data for path, data in before.items() if here / "runs" not in path.parents
+    }
+
+
+def test_leaderboard_without_tables_is_refused_in_one_sentence(here, capsys):
+    assert cli.main(["leaderboard"]) == 1
+    error = capsys.readouterr().err
+    assert "no trials.csv in 'leaderboard_files'" in error and error.count("\n") == 1
 
 
 def test_failed_trial_is_listed_and_the_status_is_1(here, capsys, monkeypatch):

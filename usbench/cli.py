@@ -19,6 +19,7 @@ EXAMPLES = """examples:
   usbench run --algo vpg --task fp --noise 0.25 --seed 3
   usbench run --algo vpg --task pp --preset spinup --set gamma=0.95 --out my_runs
   usbench compare --tasks pp --noise 0 --seeds 2 --steps 1024
+  usbench leaderboard
   usbench list
   usbench cache --clear
 """
@@ -91,6 +92,7 @@ def build_parser() -> argparse.ArgumentParser:
     run.set_defaults(call=commands.run)
 
     _add_compare(subparsers, debug)
+    _add_leaderboard(subparsers, debug)
     _add_search(subparsers, debug)
     show = subparsers.add_parser("list", parents=[debug], help="show tasks, algorithms and their defaults")
     show.set_defaults(call=commands.show_suite)
@@ -139,15 +141,31 @@ def _add_compare(subparsers: Any, debug: argparse.ArgumentParser) -> None:
     compare.add_argument(
         "--steps", type=_number, metavar="N", help="training steps (default: the task's budget)"
     )
-    compare.add_argument(
+    _add_leaderboard_file(compare)
+    _add_sweep(compare)
+    compare.set_defaults(call=commands.compare)
+
+
+def _add_leaderboard(subparsers: Any, debug: argparse.ArgumentParser) -> None:
+    leaderboard = subparsers.add_parser(
+        "leaderboard",
+        parents=[debug],
+        help="write a leaderboard again, from its tables alone",
+        description="Write the leaderboard, scores.csv beside it and the figures again, from the tables that "
+        "compare left in the folder beside it (leaderboard_files); no trial is run or read.",
+    )
+    _add_leaderboard_file(leaderboard)
+    leaderboard.set_defaults(call=commands.leaderboard)
+
+
+def _add_leaderboard_file(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
         "--leaderboard",
         type=Path,
         default=Path("leaderboard.md"),
         metavar="FILE",
         help="file to write (default leaderboard.md)",
     )
-    _add_sweep(compare)
-    compare.set_defaults(call=commands.compare)
 
 
 def _add_search(subparsers: Any, debug: argparse.ArgumentParser) -> None:

@@ -51,6 +51,16 @@ def compare(args: argparse.Namespace) -> None:
         )
 
 
+def leaderboard(args: argparse.Namespace) -> None:
+    """Write a leaderboard and its figures again from the tables beside it."""
+    from usbench import figures, leaderboard, results
+
+    folder = leaderboard.files(args.leaderboard)
+    known = results.read(folder)
+    for path in [*leaderboard.write(folder, args.leaderboard), *figures.write(known, folder)]:
+        print(path)
+
+
 def search(args: argparse.Namespace) -> None:
     """Search hyperparameters of one algorithm."""
     from usbench import comparison, search, sweep_console

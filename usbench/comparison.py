@@ -55,7 +55,7 @@ def prepare(path: Path) -> Path:
     try:
         if path.is_dir():
             raise IsADirectoryError(None, "it is a folder")
-        folder = path.with_name(f"{path.stem}_files")
+        folder = leaderboard.files(path)
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigurationError(

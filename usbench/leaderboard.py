@@ -35,6 +35,11 @@ steps in "steps to goal". The area under the learning curve is the mean score ov
 trapezoid rule."""
 
 
+def files(path: Path) -> Path:
+    """Return the folder of the tables and figures that belong to the leaderboard `path`."""
+    return path.with_name(f"{path.stem}_files")
+
+
 def write(folder: Path, path: Path) -> list[Path]:
     """Write the leaderboard of the results in `folder` to `path`, and `scores.csv` beside it.
 
