@@ -23,7 +23,7 @@ BLOCK = LANES  # waveforms are whole vectors long
 _PULSE_CUT = 3e-3
 _FAR = 1 << 20
 FEWEST_SHARED = 8  # active elements: with fewer, the window's shift by an offset is not a small one
-_ROWS = 10  # depths that are computed at a time
+_ROWS = 4  # depths that are computed at a time
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class ResponseTable:
     span: tuple[int, int]
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=6)  # 10 to 60 MB each
 def response_table(
     array: LinearArray, focal_depth: float, u_max: float, z_max: float, offset: float | None = None
 ) -> ResponseTable:
