@@ -23,7 +23,7 @@ BLOCK = LANES  # waveforms are whole vectors long
 _PULSE_CUT = 3e-3
 _FAR = 1 << 20
 FEWEST_SHARED = 8  # active elements: with fewer, the window's shift by an offset is not a small one
-_ROWS = 4  # depths that are computed at a time
+_ROWS = 5  # depths that are computed at a time
 
 
 @dataclass(frozen=True)

@@ -66,7 +66,8 @@ def tabulate(beam: Aperture, depths: Floats, n_samples: int) -> Rows:
     moments = _two_way(some, moments, np.ascontiguousarray(one_way[..., which]), u, depths, some_pulse)
     extra = _mean_distance(moments, followed, u, depths, array) - np.hypot(u, depths[:, np.newaxis])
 
-    power = np.square(np.abs(spectra)).sum(axis=-1)
+    del one_way, moments  # tens of MB
+    power = _power(spectra)
     total = power.sum(axis=0)
     silent = (_DEPTH_CUT * total.max(axis=1, keepdims=True) + _ENERGY_CUT * total)[:-1]
     band = np.rint((f - array.iq_center_frequency) / (f[1] - f[0])).astype(int)
@@ -120,6 +121,12 @@ def _add_products(one, other, u, depths, wave_numbers, pulse, result):
                     result[q, i, j, k] *= phase[k]
 
 
+def _power(spectra: Spectra) -> npt.NDArray[np.float32]:
+    """Return the sum of the squared magnitudes over frequency, the last axis."""
+    parts = np.ascontiguousarray(spectra).view(np.float32)
+    return np.asarray(np.einsum("...k,...k->...", parts, parts))
+
+
 def _mean_distance(
     moments: Spectra, spectra: Spectra, u: Floats, depths: Floats, array: LinearArray
 ) -> Floats:
@@ -127,7 +134,7 @@ def _mean_distance(
 
     The elements' distances weighted with their contributions, within the range of those distances.
     """
-    power = np.square(np.abs(spectra)).sum(axis=(0, 3)) + np.finfo(np.float32).tiny
+    power = _power(spectra).sum(axis=0) + np.finfo(np.float32).tiny
     mean = (moments * spectra.conj()).sum(axis=(0, 3)).real / power
     half = array.n_active * array.pitch / 2
     nearest = np.hypot(np.maximum(u - half, 0.0), depths[:, np.newaxis])
