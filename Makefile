@@ -2,9 +2,10 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+ALGO ?= ppo
 STAMP := $(VENV)/.installed
 
-.PHONY: help run test slow lint format typecheck bench-sim figures scores clean
+.PHONY: help run test slow lint format typecheck bench-sim bench-train compare leaderboard search figures scores clean
 .DEFAULT_GOAL := help
 
 help:  ## show the jobs
@@ -43,8 +44,20 @@ $(VENV)/.bench: $(STAMP)
 	-$(BIN)/python -m pip install --disable-pip-version-check --quiet -c constraints.txt -e '.[bench]'
 	@touch $@
 
+compare: $(STAMP)  ## run what is missing of the paper's grid for every algorithm (many hours), write leaderboard.md
+	$(BIN)/usbench compare --algos vpg a2c ppo dqn qrdqn trpo recurrent_ppo
+
+leaderboard: $(STAMP)  ## write leaderboard.md and its figures again, from leaderboard_files/ alone
+	$(BIN)/usbench leaderboard
+
+search: $(STAMP)  ## search hyperparameters of an algorithm (many hours): make search ALGO=ppo
+	$(BIN)/usbench search --algo $(ALGO)
+
 bench-sim: $(VENV)/.bench  ## accuracy and speed of the simulator, as a table
 	$(BIN)/python benchmarks/simulator.py
+
+bench-train: $(STAMP)  ## seconds and memory that training takes, for every algorithm, as a table
+	$(BIN)/python benchmarks/training.py
 
 figures: $(STAMP)  ## draw the figures of docs/physics.md and print the widths of a point
 	$(BIN)/python benchmarks/figures.py

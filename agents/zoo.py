@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from usbench.agents import outside
 from usbench.agents.hyperparameters import RANGES, Value, check, check_seed, parse, unknown
 
 
@@ -176,14 +177,35 @@ ZOO: dict[str, Entry] = {
 
 
 def entry(algo: str) -> Entry:
-    """The row of `algo`.
+    """The row of `algo`: of the table, of an entry point, or of what stands at "module:name".
 
     Raises:
+        TypeError: what stands there is neither an `Entry` nor a class with `learn` and `predict`.
         ValueError: there is none; the message says the closest name.
     """
-    if algo not in ZOO:
-        raise unknown("algorithm", algo, ZOO)
-    return ZOO[algo]
+    if algo in ZOO:
+        return ZOO[algo]
+    registered = outside.registered()
+    place = registered.get(algo, algo)
+    if ":" not in place:
+        raise unknown("algorithm", algo, [*ZOO, *registered])
+    found = outside.load(place)
+    return found if isinstance(found, Entry) else _row(place, found)
+
+
+def _row(place: str, found: Any) -> Entry:
+    """The row of a bare class: a Stable-Baselines3 algorithm gets the network that all others have."""
+    from stable_baselines3.common.base_class import BaseAlgorithm
+    from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
+
+    if not isinstance(found, type) or not all(
+        callable(getattr(found, x, None)) for x in ("learn", "predict")
+    ):
+        raise TypeError(f"{place} must be a class with learn and predict, or a zoo.Entry, not {found!r}.")
+    if not issubclass(found, BaseAlgorithm):
+        return Entry(cls=place)
+    network = SEPARATE if issubclass(found, OnPolicyAlgorithm) else TRUNK
+    return Entry(cls=place, policy="MlpPolicy", policy_kwargs=network | RUNNING)
 
 
 def hyperparameters(
@@ -203,7 +225,7 @@ def hyperparameters(
     merged = {**row.hyperparameters, **row.tasks.get(task, {}), **(row.presets[preset] if preset else {})}
     for name, value in (overrides or {}).items():
         if name not in row.hyperparameters or name not in RANGES:
-            raise unknown(f"hyperparameter of {algo}", name, row.hyperparameters)
+            raise unknown(f"hyperparameter of {algo}", name, row.hyperparameters.keys() & RANGES)
         merged[name] = parse(name, value) if isinstance(value, str) else check(name, value)
     if merged.get("n_steps", 0) % merged.get("batch_size", 1):
         raise ValueError(

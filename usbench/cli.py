@@ -124,7 +124,7 @@ def _add_compare(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         nargs="+",
         default=["vpg", "a2c", "ppo", "dqn"],
         metavar="NAME",
-        help="algorithms (default vpg a2c ppo dqn; see usbench list)",
+        help="algorithms, also your own as module:name (default vpg a2c ppo dqn; see usbench list)",
     )
     compare.add_argument(
         "--tasks", nargs="+", default=["fp", "pp"], metavar="NAME", help="tasks (default fp pp)"
@@ -207,7 +207,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except SystemExit as exit_:
         return int(exit_.code or 0)
     try:
-        with _terminable():
+        with _terminable(), _own_modules():
             args.call(args)
             sys.stdout.flush()
     except KeyboardInterrupt:
@@ -240,6 +240,17 @@ def _setting(text: str) -> tuple[str, str]:
     if not (name and separator and value):
         raise argparse.ArgumentTypeError(f"{text!r} is not of the form name=value")
     return name, value
+
+
+@contextlib.contextmanager
+def _own_modules() -> Iterator[None]:
+    """Let a command import algorithms of the user's own from the folder where it runs."""
+    folder = os.getcwd()
+    sys.path.append(folder)
+    try:
+        yield
+    finally:
+        sys.path.remove(folder)
 
 
 @contextlib.contextmanager

@@ -114,6 +114,7 @@ def print_trial(folder: Path, figures: dict[str, Path]) -> None:
 def print_suite() -> None:
     """Print the tasks, the algorithms and their defaults."""
     from usbench import suite
+    from usbench.agents.outside import registered
     from usbench.agents.zoo import ZOO
 
     tasks = Table(title="tasks")
@@ -132,6 +133,8 @@ def print_suite() -> None:
         ]
         defaults = _settings(entry.hyperparameters, "\n") if entry.learns else "does not learn"
         algorithms.add_row(name, defaults, "\n".join(differing))
+    for name, place in registered().items():
+        algorithms.add_row(name, f"from {place}", "")
     console = Console()
     console.print(tasks)
     console.print(algorithms)

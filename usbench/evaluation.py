@@ -20,9 +20,7 @@ POSE_KEYS = ("x_mm", "focal_depth_mm", "angle_deg")
 
 
 class Agent(Protocol):
-    """Anything that acts as SB3's models do."""
-
-    action_space: gym.Space[Any]
+    """Anything that acts as SB3's models do; those draw from their `action_space`, if they have one."""
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = False
@@ -41,6 +39,7 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
         """Watch `env` and call `report` at the end of each episode."""
         super().__init__(env)
         self._report = report
+        self.n_steps = 0
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
         """Start an episode."""
@@ -54,6 +53,7 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
     def step(self, action: Any) -> Any:
         """Make one step; report when it ends the episode."""
         observation, reward, terminated, truncated, info = self.env.step(action)
+        self.n_steps += 1
         self._actions.append(int(action))
         self._return += float(reward)
         if info["is_success"] and self._to_goal is None:
@@ -93,7 +93,7 @@ class Evaluator:
         Every random state that the agent could draw from is put back afterwards: training makes the same
         bits whether or not it is evaluated.
         """
-        with _borrowed_randomness(agent.action_space):
+        with _borrowed_randomness(getattr(agent, "action_space", self._envs[0].action_space)):
             facts = self._play(agent, deterministic)
         return [
             Evaluation(

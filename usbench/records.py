@@ -62,7 +62,8 @@ class TrialConfig:
     @property
     def folder_name(self) -> str:
         """`<task>-p<noise>-<algo>-s<seed>-<hash>`."""
-        return f"{self.task}-p{self.noise:g}-{self.algo}-s{self.seed}-{self.hash}"
+        algo = self.algo.replace(":", ".")  # no colon in a name on Windows
+        return f"{self.task}-p{self.noise:g}-{algo}-s{self.seed}-{self.hash}"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import torch
+from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.vec_env import DummyVecEnv
 
@@ -192,27 +193,45 @@ class _Trial:
                 progress=self.progress,
             )
             env = suite.make_env(config.task, config.noise, n_frames=config.n_frames)
-            vec_env = DummyVecEnv([lambda: Recorder(env, watch.on_episode)])
+            recorder = Recorder(env, watch.on_episode)
+            vec_env = DummyVecEnv([lambda: recorder])
             env_seed, agent_seed, _ = np.random.SeedSequence(config.seed).spawn(3)
             self.agent = self._make(config.algo, vec_env, agent_seed, config.hyperparameters)
             # After the agent was made: SB3 hands its own seed to the environment there.
             vec_env.seed(int(env_seed.generate_state(1)[0]))
             if config.steps:
-                self.agent.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
                 with self._timed("training_s"):
-                    self.agent.learn(config.steps, callback=watch)
+                    self._learn(watch, recorder)
                 self.timings["training_s"] -= watch.seconds
             watch.evaluate_due(self.agent)
             self.timings["evaluation_s"] = watch.seconds
             vec_env.close()
+
+    def _learn(self, watch: TrainingWatch, recorder: Recorder) -> None:
+        """Let the agent learn; one that is not Stable-Baselines3's is watched from outside.
+
+        Raises:
+            ValueError: If such an agent did not make exactly the steps that it was told.
+        """
+        steps = self.config.steps
+        if isinstance(self.agent, BaseAlgorithm):
+            self.agent.set_logger(configure(str(self.folder / "tensorboard"), ["tensorboard"]))
+            self.agent.learn(steps, callback=watch)
+            return
+        watch.from_outside(self.agent)
+        self.agent.learn(steps)
+        if recorder.n_steps != steps:
+            raise ValueError(f"{self.config.algo} made {recorder.n_steps} training steps instead of {steps}.")
+        watch.num_timesteps = steps
 
     def _make(
         self, algo: str, env: Any, seed: np.random.SeedSequence, hyperparameters: Mapping[str, Any]
     ) -> Any:
         """Make an agent; the one that sees the state is given the exact plan."""
         # On the CPU even where there is a GPU: same seed, same bits everywhere.
-        kwargs: dict[str, Any] = {"device": "cpu"} if zoo.entry(algo).learns else {}
-        if getattr(zoo.model_class(algo), "sees_state", False):
+        model_class = zoo.model_class(algo)
+        kwargs: dict[str, Any] = {"device": "cpu"} if issubclass(model_class, BaseAlgorithm) else {}
+        if getattr(model_class, "sees_state", False):
             kwargs["policy"] = oracle.policy(self.config.task, self.config.noise)
         return zoo.make(algo, env, int(seed.generate_state(1)[0]), hyperparameters, **kwargs)
 
@@ -224,6 +243,8 @@ class _Trial:
         return records.means(pd.DataFrame([episode.as_row() for episode in played]))
 
     def _save_model(self) -> None:
+        if not hasattr(self.agent, "save"):
+            return
         with atomic_path(self.folder / records.MODEL) as path:
             self.agent.save(path)
 

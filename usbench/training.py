@@ -72,6 +72,7 @@ class TrainingWatch(BaseCallback):
         self._episodes, self._evaluations = episodes, evaluations
         self._count, self._recorded_steps = 0, 0
         self._recent: deque[float] = deque(maxlen=RECENT_EPISODES)
+        self._unaware: Any = None
 
     def on_episode(self, facts: dict[str, Any]) -> None:
         """Journal one training episode."""
@@ -81,6 +82,15 @@ class TrainingWatch(BaseCallback):
         self._episodes.append([episode.as_row()])
         self._count += 1
         self._recent.append(facts["return_"])
+        if self._unaware is not None:
+            self.num_timesteps = self._recorded_steps
+            self._tell()
+            self.evaluate_due(self._unaware)
+
+    def from_outside(self, agent: Any) -> None:
+        """Watch an agent that knows no callback: now, and whenever an episode ends."""
+        self._unaware = agent
+        self.evaluate_due(agent)
 
     def evaluate_due(self, agent: Any) -> None:
         """If a checkpoint was reached, play the episodes, with drawn and with likeliest actions."""
@@ -89,6 +99,7 @@ class TrainingWatch(BaseCallback):
         if not reached:
             return
         self._due = self._due[len(reached) :]
+        logged = self._steps > 0 and hasattr(agent, "logger")
         start = time.perf_counter()
         for deterministic in (False, True):
             played = self._evaluator.play(
@@ -96,23 +107,26 @@ class TrainingWatch(BaseCallback):
             )
             self._evaluations.append(episode.as_row() for episode in played)
             mean = sum(episode.return_ for episode in played) / len(played)
-            if self._steps:
+            if logged:
                 mode = "deterministic" if deterministic else "stochastic"
                 agent.logger.record(f"evaluation/return_{mode}", mean)
                 agent.logger.record(f"evaluation/normalized_score_{mode}", self._score(mean))
             if not deterministic:
                 self._progress.evaluated(step, mean, self._score(mean))
-        if self._steps:
+        if logged:
             agent.logger.dump(step)
         self.seconds += time.perf_counter() - start
 
     def _on_rollout_start(self) -> None:
         self.evaluate_due(self.model)
 
-    def _on_step(self) -> bool:
+    def _tell(self) -> None:
         if self._recent:
             mean = sum(self._recent) / len(self._recent)
             self._progress.training(self.num_timesteps, self._steps, mean, self._score(mean))
+
+    def _on_step(self) -> bool:
+        self._tell()
         # Ending a rollout here leaves it out of training, so only one that would overrun the budget is ended.
         return self.num_timesteps < self._steps or self._steps % _rollout_steps(self.model) == 0
 

@@ -1,0 +1,29 @@
+"""Algorithms from outside the package: named "module:name", or by an entry point."""
+
+import importlib
+import re
+from importlib.metadata import entry_points
+
+GROUP = "usbench.algorithms"
+_PLACE = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*")
+
+
+def registered() -> dict[str, str]:
+    """The entry points of installed packages: name of an algorithm -> "module:name"."""
+    return {point.name: point.value for point in entry_points(group=GROUP)}
+
+
+def load(place: str) -> object:
+    """What stands at `place`, "module:name".
+
+    Raises:
+        ValueError: `place` has another form, or the module cannot be imported, or has no such name.
+    """
+    if not _PLACE.fullmatch(place):
+        raise ValueError(f"an algorithm of your own is named module:name, not {place!r}.")
+    module, name = place.split(":")
+    try:
+        return getattr(importlib.import_module(module), name)
+    except Exception as error:  # whatever a stranger's module does while it is imported
+        reason = f"{type(error).__name__}: {' '.join(str(error).split())}"
+        raise ValueError(f"the algorithm {place!r} cannot be imported ({reason}).") from error
