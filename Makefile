@@ -20,7 +20,7 @@ run: $(STAMP)  ## train the paper's agent on the probe-plane task and show what 
 	$(BIN)/usbench run --algo vpg --task pp
 
 test: $(STAMP)  ## run the tests (without the slow ones)
-	$(BIN)/python -m pytest -m "not slow"
+	$(BIN)/python -m pytest -m "not slow" -n auto --dist worksteal
 
 slow: $(STAMP)  ## run the slow tests (learning, timing)
 	$(BIN)/python -m pytest -m slow
