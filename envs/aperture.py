@@ -10,10 +10,9 @@ g with the elements' weights and delays along the array, so a product after a Fo
 with a the element's area and E the factor of `elevation.py`: rectangles in their far field (Jensen and
 Svendsen 1992).
 
-A line need not lie on the centre of its aperture. Its elements, at e_n - d, are a comb of period
-`pitch`: by Poisson's formula their field is a sum over grating lobes,
-sum_m G_m exp(-2 pi j m d / pitch), where G_m hardly
-depends on the offset d.
+A line need not lie on the centre of its aperture. Its elements, at e_n - d, are a comb of period `pitch`. By
+Poisson's formula their field is a sum over grating lobes, sum_m G_m exp(-2 pi j m d / pitch), where G_m
+hardly depends on the offset d.
 """
 
 from __future__ import annotations

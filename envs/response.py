@@ -21,7 +21,7 @@ from usbench.envs.vector import LANES
 
 BLOCK = LANES  # waveforms are whole vectors long
 _PULSE_CUT = 3e-3
-_FAR = 1 << 20
+_FAR = 1 << 20  # samples, where no waveform is
 FEWEST_SHARED = 8  # active elements: with fewer, the window's shift by an offset is not a small one
 _ROWS = 5  # depths that are computed at a time
 
@@ -77,7 +77,7 @@ def response_table(
     depths = depth_grid(focal_depth, z_max)
     depths = np.append(depths, 2 * depths[-1] - depths[-2])
     frequencies, n_samples = _band(array)
-    # The waves of two paths differ by at most two wavelengths per wavelength along the array.
+    # Between elements the path changes by at most twice the pitch: so many wavelengths, so many lobes.
     highest = max(1, round(2 * array.pitch / array.wavelength))
     oversampling = max(2 * highest + 1, int(np.ceil(4.4 * array.pitch / array.wavelength)))
     step = float(np.clip(focal_depth / 150, 0.1e-3, 0.2e-3))  # like the beam's width at the focus
@@ -104,7 +104,7 @@ def depth_grid(focal_depth: float, z_max: float) -> Floats:
 def _band(array: LinearArray) -> tuple[Floats, int]:
     """Return the frequencies that the pulse has, (n_frequencies,) Hz, and the samples of a waveform.
 
-    They are spaced for the longest response of the aperture, and multiples of that spacing away from f0.
+    They are spaced for the longest response of the aperture: multiples of that spacing from the I/Q's middle.
     """
     rate = array.iq_sampling_frequency
     longest = 1.25 * array.n_active * array.pitch / array.speed_of_sound + 6.0 / array.center_frequency

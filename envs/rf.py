@@ -4,8 +4,9 @@
 
 with h the spatial impulse response of the line's apodised and delayed aperture (Tupholme 1969, Stepanishen
 1971; Jensen and Svendsen 1992). The bracket comes from a table per focal depth (`response.py`), the distance
-from the image plane from a short filter (`elevation.py`); this file adds up the scatterers, as I/Q around the
-centre frequency. Time zero of a line is the instant at which its reference point (x_l, 0, 0) fires.
+from the image plane from a short filter (`elevation.py`); this file adds up the scatterers, as I/Q (see
+`LinearArray.iq_center_frequency`). Time zero of a line is the instant at which its reference point
+(x_l, 0, 0) fires.
 """
 
 from __future__ import annotations
@@ -68,7 +69,7 @@ def simulate_iq(
     line_positions: npt.ArrayLike | None = None,
     max_depth: float | None = None,
 ) -> tuple[npt.NDArray[np.complex64], npt.NDArray[np.float64]]:
-    """Simulate the same as complex baseband around the centre frequency; its magnitude is the envelope.
+    """Simulate the same as complex baseband (I/Q); its magnitude is the envelope.
 
     Args:
         positions: As for `simulate_rf`.

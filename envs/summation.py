@@ -35,14 +35,13 @@ def accumulate(
 ):  # fmt: skip
     """Add every scatterer's waveform to the sums, each (n_lines, N_PHASES, n_total) laid out flat."""
     n_u, n_lines = cells.shape[1], lines.shape[0]
-    wave_real, wave_imag = (
-        np.zeros(_GROUP * wave_length, np.float32),
-        np.zeros(_GROUP * wave_length, np.float32),
-    )
+    wave_real = np.zeros(_GROUP * wave_length, np.float32)
+    wave_imag = np.zeros_like(wave_real)
     heard, columns = np.empty(n_lines, np.int64), np.empty(n_lines, np.int64)
     delay, filters = np.empty(n_lines, np.int64), np.empty(n_lines, np.int64)
     offset = np.empty(n_lines, np.float64)
-    source, weight = np.empty((16 * n_lines, 4), np.int64), np.empty((16 * n_lines, 4), np.float32)
+    most = n_lines * cells[:, :, 1].max()
+    source, weight = np.empty((most, 4), np.int64), np.empty((most, 4), np.float32)
     for s in range(x.shape[0]):
         i, iy, wz = row[s], y_row[s], fraction[s]
         deeper = int(wz > np.float32(0.5))

@@ -336,6 +336,12 @@ def test_short_foci_of_the_whole_aperture(focal_depth):
     check(ARRAY, focal_depth, np.array([-1.25e-3, 6.5e-3]), points, rng.normal(size=30), bound=0.95)
 
 
+def test_an_array_of_very_wide_elements_has_many_lobes():
+    # A pitch of 5 wavelengths: more orders than lobes of an ordinary array.
+    array = LinearArray(element_width=2.1e-3, kerf=0.1e-3, n_elements=32, n_active=16)
+    check(array, 20e-3, bound=0.95)
+
+
 def test_lines_beyond_the_end_of_the_array():
     array = LinearArray(**SMALL)  # 47 mm wide: the aperture's centre stays within 17.6 mm
     check(array, 40e-3, np.array([3e-3, 19e-3]), CLOUD + [8e-3, 0, 0])
