@@ -60,7 +60,7 @@ class ResponseTable:
     span: tuple[int, int]
 
 
-@lru_cache(maxsize=6)  # 10 to 60 MB each
+@lru_cache(maxsize=4)  # 10 to 60 MB each
 def response_table(
     array: LinearArray, focal_depth: float, u_max: float, z_max: float, offset: float | None = None
 ) -> ResponseTable:
