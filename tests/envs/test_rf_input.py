@@ -1,0 +1,67 @@
+"""RF of input at its borders, and of bad input."""
+
+import math
+
+import numpy as np
+import pytest
+from echoes import ARRAY, SMALL
+
+from usbench.envs.probe import LinearArray
+from usbench.envs.rf import simulate_rf
+
+
+def test_nothing_there_is_silence():
+    rf, time = simulate_rf(np.empty((0, 3)), np.empty(0), ARRAY, 50e-3)
+    assert rf.shape == (len(time), 64) and not rf.any()
+    assert simulate_rf([], [], ARRAY, 50e-3)[0].shape[1] == 64
+
+
+def test_a_silent_scatterer_is_silence():
+    assert not simulate_rf([(0, 0, 50e-3)], [0.0], ARRAY, 50e-3)[0].any()
+
+
+@pytest.mark.parametrize("depth", [0.0, -1e-3])
+def test_refuses_scatterers_not_below_the_surface(depth):
+    with pytest.raises(ValueError, match=r"^scatterers must lie below the surface \(z > 0\), not at z = "):
+        simulate_rf([(0, 0, 50e-3), (0, 0, depth)], [1.0, 1.0], ARRAY, 50e-3)
+
+
+@pytest.mark.parametrize("depth", [1e-6, 0.1e-3, 0.6e-3])
+def test_scatterers_just_below_the_surface_are_harmless(depth):
+    rf, _ = simulate_rf([(0, 0, depth)], [1.0], LinearArray(**SMALL), 50e-3, [0.0])
+    assert np.isfinite(rf).all()
+
+
+@pytest.mark.parametrize("focal_depth", [0, -0.01, math.nan, math.inf, 0.51])
+def test_refuses_focal_depths(focal_depth):
+    with pytest.raises(ValueError, match=rf"^focal_depth must be in \(0, 0.5\] m, not {focal_depth}\.$"):
+        simulate_rf([(0, 0, 50e-3)], [1.0], ARRAY, focal_depth)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_refuses_values_that_are_not_finite(value):
+    for positions, amplitudes, lines, name in [
+        ([(value, 0, 50e-3)], [1.0], [0.0], "positions"),
+        ([(0, 0, 50e-3)], [value], [0.0], "amplitudes"),
+        ([(0, 0, 50e-3)], [1.0], [value], "line_positions"),
+    ]:
+        with pytest.raises(ValueError, match=f"^{name} must be finite"):
+            simulate_rf(positions, amplitudes, ARRAY, 50e-3, lines)
+
+
+@pytest.mark.parametrize(
+    "positions, amplitudes, lines, words",
+    [
+        ([(0, 0.05)], [1.0], [0.0], r"positions must have shape \(n, 3\), not \(1, 2\)"),
+        ([0, 0, 0.05], [1.0], [0.0], r"positions must have shape \(n, 3\), not \(3,\)"),
+        ([(0, 0, 0.05)], [1.0, 2.0], [0.0], r"amplitudes must have shape \(1,\)"),
+        ([(0, 0, 0.05)], 1.0, [0.0], r"amplitudes must have shape \(1,\)"),
+        ([(0, 0, 0.05)], [1.0], [], r"line_positions must have shape \(n_lines,\)"),
+        ([(0, 0, 0.05)], [1.0], [[0.0]], r"line_positions must have shape \(n_lines,\)"),
+        ([(0, 0, 50.0)], [1.0], [0.0], r"positions must be within 0.5 m, not 50 m"),
+        ([(0, 0, 0.05)], [1.0], [2.0], r"line_positions must be within 0.5 m, not 2 m"),
+    ],
+)
+def test_refuses_shapes_and_units(positions, amplitudes, lines, words):
+    with pytest.raises(ValueError, match=words):
+        simulate_rf(positions, amplitudes, ARRAY, 50e-3, lines)

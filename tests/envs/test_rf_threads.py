@@ -1,0 +1,43 @@
+"""RF has the same bits, whoever computes it."""
+
+import hashlib
+import multiprocessing
+
+import numpy as np
+import pytest
+from echoes import CLOUD, SMALL, WEIGHTS
+
+from usbench.envs import elevation, response
+from usbench.envs.probe import LinearArray
+from usbench.envs.rf import simulate_iq
+
+
+def _digest():
+    response.response_table.cache_clear()
+    elevation.elevation_taps.cache_clear()
+    array = LinearArray(**SMALL)
+    iq, _ = simulate_iq(CLOUD, WEIGHTS, array, 35e-3, np.arange(-7, 8) * 1.3e-3)
+    return hashlib.sha256(iq.tobytes()).hexdigest()
+
+
+def test_same_bits_for_any_number_of_threads(monkeypatch):
+    digests = set()
+    for n in ("1", "2", "3"):
+        monkeypatch.setenv("USBENCH_THREADS", n)
+        digests.add(_digest())
+    assert len(digests) == 1
+
+
+@pytest.mark.parametrize("text", ["0", "-1", "two", "1.5"])
+def test_refuses_a_number_of_threads(monkeypatch, text):
+    monkeypatch.setenv("USBENCH_THREADS", text)
+    with pytest.raises(ValueError, match=f"USBENCH_THREADS must be a whole number from 1, not '{text}'"):
+        _digest()
+
+
+@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
+@pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="no fork on this platform")
+def test_a_forked_child_computes_the_same():
+    here = _digest()
+    with multiprocessing.get_context("fork").Pool(1) as pool:
+        assert pool.apply_async(_digest).get(timeout=60) == here
