@@ -20,6 +20,7 @@ EXAMPLES = """examples:
   usbench run --algo vpg --task pp --preset spinup --set gamma=0.95 --out my_runs
   usbench compare --tasks pp --noise 0 --seeds 2 --steps 1024
   usbench leaderboard
+  usbench frame --x 10 --depth 35 --angle 60
   usbench list
   usbench cache --clear
 """
@@ -32,6 +33,13 @@ COMPARE_EXAMPLES = """examples:
       a minute's try
 
 What is finished is not run again, so the same command goes on after an interruption.
+"""
+
+FRAME_EXAMPLES = """examples:
+  usbench frame --x 10 --depth 35 --angle 60
+  usbench frame --x 10 --depth 35 --angle 60 --plain --out frame.png
+      the 90 x 40 pixels of 1 mm that an agent sees
+  usbench frame --depth 37 --rf --out rf.npy
 """
 
 SEARCH_EXAMPLES = """examples:
@@ -94,6 +102,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_compare(subparsers, debug)
     _add_leaderboard(subparsers, debug)
     _add_search(subparsers, debug)
+    _add_frame(subparsers, debug)
     show = subparsers.add_parser("list", parents=[debug], help="show tasks, algorithms and their defaults")
     show.set_defaults(call=commands.show_suite)
 
@@ -192,6 +201,32 @@ def _add_search(subparsers: Any, debug: argparse.ArgumentParser) -> None:
     )
     _add_sweep(search)
     search.set_defaults(call=commands.search)
+
+
+def _add_frame(subparsers: Any, debug: argparse.ArgumentParser) -> None:
+    frame = subparsers.add_parser(
+        "frame",
+        parents=[debug],
+        epilog=FRAME_EXAMPLES,
+        help="what the probe sees from a pose, as a picture or as numbers",
+        description="Write what the probe sees of the default phantom from a pose: the B-mode frame, its "
+        "envelope or its RF, as a figure to scale (.png) or as numbers (.npy).",
+    )
+    frame.add_argument("--x", type=_number, default=0, metavar="MM", help="of the probe's centre (default 0)")
+    frame.add_argument("--depth", type=_number, default=50, metavar="MM", help="of the focus (default 50)")
+    frame.add_argument(
+        "--angle", type=_number, default=0, metavar="DEG", help="clockwise from above (default 0)"
+    )
+    kind = frame.add_mutually_exclusive_group()
+    kind.add_argument("--rf", action="store_const", const="rf", dest="kind", help="RF of the 64 lines")
+    kind.add_argument(
+        "--envelope", action="store_const", const="envelope", dest="kind", help="envelope of the 64 lines"
+    )
+    frame.add_argument("--plain", action="store_true", help="the bare pixels, without axes")
+    frame.add_argument(
+        "--out", type=Path, metavar="FILE", help=".png or .npy (default: a .png named after the pose)"
+    )
+    frame.set_defaults(call=commands.frame, kind="frame")
 
 
 def _add_sweep(parser: argparse.ArgumentParser) -> None:

@@ -73,6 +73,17 @@ def search(args: argparse.Namespace) -> None:
         print(search.run(settings, n_candidates, args.out, bars, jobs=jobs))
 
 
+def frame(args: argparse.Namespace) -> None:
+    """Write what the probe sees from a pose."""
+    from usbench import still
+
+    pose = still.pose(args.x, args.depth, args.angle)
+    path = still.path(args.out, args.kind, pose, args.plain)
+    taken = still.take(pose, args.kind)
+    still.write(taken, path, args.plain)
+    print(f"{path}: {taken.kind}, {taken.values.shape} {taken.values.dtype}, {taken.unit}")
+
+
 def show_suite(args: argparse.Namespace) -> None:
     """Show tasks, algorithms and their defaults."""
     from usbench import console

@@ -1,0 +1,105 @@
+"""What a probe sees from a pose: the scanner's own pixels, to scale; refused where there is nothing to see."""
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+from PIL import Image
+
+from usbench import cli, still
+from usbench.envs.bmode import log_compress
+from usbench.envs.phantom import Phantom
+from usbench.envs.pose import Pose
+from usbench.envs.scanner import scan
+from usbench.records import ConfigurationError
+
+OFF_GRID = Pose(7, 37, 63)
+
+
+@pytest.fixture(scope="module")
+def stills():
+    return {kind: still.take(OFF_GRID, kind) for kind in still.KINDS}
+
+
+def test_frame_is_the_scanners(stills):
+    np.testing.assert_array_equal(stills["frame"].values, scan(Phantom(), OFF_GRID))
+
+
+def test_rf_and_envelope_are_of_the_same_echoes(stills):
+    rf, envelope = stills["rf"], stills["envelope"]
+    assert rf.values.shape[1] == envelope.values.shape[1] == 64
+    # 25 MHz and 5 MHz from the same instant: no sample of RF can exceed the envelope by more than rounding.
+    peaks = np.abs(rf.values).max(), envelope.values.max()
+    assert peaks[0] == pytest.approx(peaks[1], rel=0.1)
+    # Depth 0 is half a pulse after time 0, and the envelope ends where the frame does.
+    assert -1.0 < envelope.rows[0] < 0.0 and envelope.rows[1] == pytest.approx(90.0, abs=1.5)
+
+
+def test_bare_pixels_are_the_frame(stills, tmp_path):
+    still.write(stills["frame"], tmp_path / "a.png", plain=True)
+    with Image.open(tmp_path / "a.png") as image:
+        assert image.size == (40, 90)
+        np.testing.assert_array_equal(np.asarray(image), stills["frame"].values)
+
+
+@pytest.mark.parametrize("kind", still.KINDS)
+def test_numbers_and_figure(stills, tmp_path, kind):
+    still.write(stills[kind], tmp_path / "a.npy")
+    np.testing.assert_array_equal(np.load(tmp_path / "a.npy"), stills[kind].values)
+    still.write(stills[kind], tmp_path / "a.png")
+    assert len(np.unique(imread(tmp_path / "a.png"))) > 20
+
+
+def test_figure_is_to_scale_and_names_units(stills):
+    axes = still.figure(stills["frame"]).axes[0]
+    assert (axes.get_xlim(), axes.get_ylim()) == ((-20.0, 20.0), (90.0, 0.0))
+    assert axes.get_aspect() == 1.0
+    assert axes.get_xlabel().endswith("(mm)") and axes.get_ylabel().endswith("(mm)")
+    assert still.figure(stills["rf"]).axes[0].get_ylabel() == "time (µs)"
+
+
+def test_envelope_shows_the_decibels_of_the_frames_chain(stills):
+    shown = still.figure(stills["envelope"]).axes[0].images[0].get_array()
+    expected = log_compress(stills["envelope"].values, 60.0) - 60.0
+    np.testing.assert_allclose(shown, expected, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ((0.5, 50, 0), "x_mm must be a whole number, not 0.5"),
+        (("left", 50, 0), "'left'"),
+        ((-41, 50, 0), r"\[-40, 40\].* not -41"),
+        ((0, 0, 0), "at least 1, not 0"),
+        ((0, 501, 0), r"\[1, 500\], not 501"),
+        ((0, 50, float("nan")), "nan"),
+    ],
+)
+def test_poses_that_see_nothing_are_refused(values, said):
+    with pytest.raises(ConfigurationError, match=said):
+        still.pose(*values)
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "plain", "said"),
+    [
+        ("a.gif", "frame", False, r"\.png, \.npy, not 'a\.gif'"),
+        ("no/a.png", "frame", False, "folder that exists"),
+        ("a.png", "rf", True, "--plain"),
+        ("a.npy", "frame", True, "--plain"),
+    ],
+)
+def test_files_that_cannot_be_are_refused(tmp_path, name, kind, plain, said):
+    with pytest.raises(ConfigurationError, match=said):
+        still.path(tmp_path / name, kind, OFF_GRID, plain)
+
+
+def test_command_says_where_and_what(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    argv = ["frame", "--x", "-7", "--depth", "37", "--angle", "-63"]
+    assert cli.main([*argv, "--plain"]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("frame_x-7_depth37_angle297.png: frame, (90, 40) uint8, ")
+    assert (tmp_path / "frame_x-7_depth37_angle297.png").exists()
+    assert cli.main([*argv, "--rf", "--out", "a.bmp"]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert cli.main([*argv, "--rf", "--envelope"]) == 2
