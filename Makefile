@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 ALGO ?= ppo
 STAMP := $(VENV)/.installed
 
-.PHONY: help run test slow lint format typecheck bench-sim bench-train compare leaderboard search figures scores clean
+.PHONY: help run test slow lint format typecheck bench-sim bench-train compare leaderboard search figures failures scores clean
 .DEFAULT_GOAL := help
 
 help:  ## show the jobs
@@ -61,6 +61,9 @@ bench-train: $(STAMP)  ## seconds and memory that training takes, for every algo
 
 figures: $(STAMP)  ## draw the figures of docs/physics.md and print the widths of a point
 	$(BIN)/python benchmarks/figures.py
+
+failures: $(STAMP)  ## show which poses look alike and how the episodes of the trials in runs/ end
+	$(BIN)/python benchmarks/failures.py --figure docs/look_alikes.png
 
 scores: $(STAMP)  ## train the paper's agent on both tasks with 4 seeds (some 15 minutes) and print the scores
 	$(BIN)/python benchmarks/scores.py

@@ -39,11 +39,13 @@ class Policy:
     Attributes:
         task: The task that it solves.
         actions: Best action in every pose with `step` steps done, (n_steps, n_states) int8, read-only.
+        best: Whether an action is as good as the best one, (n_steps, n_states, n_actions) bool, read-only.
         values: Expected return from there to the end, (n_steps + 1, n_states), read-only.
     """
 
     task: Task
     actions: npt.NDArray[np.int8]
+    best: npt.NDArray[np.bool_]
     values: npt.NDArray[np.float64]
 
     def action(self, step: int, pose: Pose | tuple[int, int, int]) -> int:
@@ -107,16 +109,17 @@ def _returns(task: Task, noise: float, reward: str, target: Pose) -> Returns:
 def _policy(task: Task, noise: float, reward: str, target: Pose) -> Policy:
     """Backward induction: Q_t(s, a) = r(s') + E[V_t+1(s' displaced)], with s' the pose after a in s."""
     following, _ = _transitions(task)
-    actions = np.zeros((task.n_steps, len(task.states)), np.int8)
+    best = np.zeros((task.n_steps, len(task.states), len(task.actions)), bool)
     values = np.zeros((task.n_steps + 1, len(task.states)))
     for step in reversed(range(task.n_steps)):
         q = _arrival(task, noise, reward, target, values[step + 1])[following]
-        # The first of equally good actions: rounding must not decide, or the bits differ between machines.
-        actions[step] = np.argmax(q >= q.max(axis=1, keepdims=True) - 1e-9, axis=1)
+        # Rounding must not decide between equally good actions, or the bits differ between machines.
+        best[step] = q >= q.max(axis=1, keepdims=True) - 1e-9
         values[step] = q.max(axis=1)
-    actions.flags.writeable = False
-    values.flags.writeable = False
-    return Policy(task, actions, values)
+    actions = np.argmax(best, axis=2).astype(np.int8)  # the first of them
+    for table in (actions, best, values):
+        table.flags.writeable = False
+    return Policy(task, actions, best, values)
 
 
 def _values(

@@ -1,0 +1,82 @@
+"""The states of a task as a map: position across, the other coordinate of the pose upwards."""
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+
+from usbench.envs.guidance import Task
+
+_LABELS = {"focal_depth_mm": "focal depth (mm)", "angle_deg": "angle (degrees)"}
+_UNITS = {"focal_depth_mm": "{} mm deep", "angle_deg": "{} degrees"}
+
+
+def coordinate(task: Task) -> str:
+    """Return the coordinate that varies beside the position: `focal_depth_mm` or `angle_deg`."""
+    varying = [key for key in _LABELS if len({getattr(pose, key) for pose in task.states}) > 1]
+    if len(varying) != 1:
+        raise ValueError(f"task {task.name!r} has no flat map: {', '.join(varying) or 'nothing'} varies.")
+    return varying[0]
+
+
+def name(task: Task, state: int) -> str:
+    """Return a state in words, as "x 5 mm, 15 degrees"."""
+    pose, key = task.states[state], coordinate(task)
+    return f"x {pose.x_mm} mm, {_UNITS[key].format(getattr(pose, key))}"
+
+
+def draw(
+    axis: Axes,
+    task: Task,
+    actions: npt.NDArray[np.integer],
+    shades: npt.NDArray[np.floating],
+    *,
+    vmin: float,
+    vmax: float,
+    marked: npt.NDArray[np.bool_] | None = None,
+) -> Any:
+    """Draw an arrow for the action in every state on its shade; `marked` states are crossed.
+
+    Args:
+        axis: Where to.
+        task: Whose states.
+        actions: (n_states,).
+        shades: (n_states,), from `vmin` (white) to `vmax` (dark).
+        vmin: See `shades`.
+        vmax: See `shades`.
+        marked: (n_states,) or None.
+
+    Returns:
+        What a colour bar is made from.
+    """
+    key = coordinate(task)
+    x = np.array([pose.x_mm for pose in task.states])
+    y = np.array([getattr(pose, key) for pose in task.states])
+    columns, rows = np.unique(x), np.unique(y)
+    grid = np.full((len(rows), len(columns)), np.nan)
+    grid[np.searchsorted(rows, y), np.searchsorted(columns, x)] = shades
+    image = axis.pcolormesh(columns, rows, grid, cmap="Blues", vmin=vmin, vmax=vmax)
+    steps = np.array([_direction(task, key, int(action)) for action in actions])
+    moves = steps.any(axis=1)
+    length = np.array([np.diff(columns).min(), np.diff(rows).min()]) * 0.35
+    axis.quiver(
+        x[moves], y[moves], *(steps[moves] * length).T,
+        angles="xy", scale_units="xy", scale=0.5, pivot="mid", width=0.006,
+    )  # fmt: skip
+    axis.plot(x[~moves], y[~moves], "o", color="black", markersize=4)
+    if marked is not None:
+        axis.plot(x[marked], y[marked], "x", color="#d55e00", markersize=7)
+    axis.set(title=task.title, xlabel="position of the probe (mm)", ylabel=_LABELS[key])
+    if key == "focal_depth_mm":
+        axis.invert_yaxis()
+    else:
+        axis.set_yticks(range(0, 360, 45))
+    axis.grid(visible=False)
+    return image
+
+
+def _direction(task: Task, key: str, action: int) -> tuple[int, int]:
+    """Return where an action goes on the map: (-1, 0 or 1, -1, 0 or 1)."""
+    move = task.actions[action].move
+    return int(np.sign(move.x_mm)), int(np.sign(getattr(move, key)))
