@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pytest
 import torch
+from PIL import Image
 
 from usbench import records, replay, runner, suite, training
 from usbench.agents.vpg import VPG
@@ -69,7 +70,7 @@ def test_record_alone_is_enough_to_replay_an_episode(finished):
         *_, last = replay.play("pp", 0.5, record["eval_episode"], record["actions"])
         assert last.return_ == record["return"]
     path = replay.write_gif(finished)
-    with replay.Image.open(path) as animation:
+    with Image.open(path) as animation:
         assert animation.format == "GIF" and animation.n_frames == 17
 
 

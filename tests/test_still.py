@@ -1,4 +1,4 @@
-"""What a probe sees from a pose: the scanner's own pixels, to scale; refused where there is nothing to see."""
+"""A pose seen: the pixels of the scanner itself, to scale, and a refusal where there is nothing to see."""
 
 import numpy as np
 import pytest

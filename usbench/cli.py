@@ -21,6 +21,7 @@ EXAMPLES = """examples:
   usbench compare --tasks pp --noise 0 --seeds 2 --steps 1024
   usbench leaderboard
   usbench frame --x 10 --depth 35 --angle 60
+  usbench watch runs/pp-p0-vpg-s0-4bb5b115
   usbench list
   usbench cache --clear
 """
@@ -40,6 +41,13 @@ FRAME_EXAMPLES = """examples:
   usbench frame --x 10 --depth 35 --angle 60 --plain --out frame.png
       the 90 x 40 pixels of 1 mm that an agent sees
   usbench frame --depth 37 --rf --out rf.npy
+"""
+
+WATCH_EXAMPLES = """examples:
+  usbench watch runs/pp-p0-vpg-s0-4bb5b115
+      in the terminal; as a table of text where the output is no terminal
+  usbench watch runs/pp-p0-vpg-s0-4bb5b115 --episode 0 17 --out episodes.mp4
+  usbench watch runs/pp-p0-vpg-s0-4bb5b115 --drawn --out episode.gif
 """
 
 SEARCH_EXAMPLES = """examples:
@@ -103,6 +111,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_leaderboard(subparsers, debug)
     _add_search(subparsers, debug)
     _add_frame(subparsers, debug)
+    _add_watch(subparsers, debug)
     show = subparsers.add_parser("list", parents=[debug], help="show tasks, algorithms and their defaults")
     show.set_defaults(call=commands.show_suite)
 
@@ -227,6 +236,31 @@ def _add_frame(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         "--out", type=Path, metavar="FILE", help=".png or .npy (default: a .png named after the pose)"
     )
     frame.set_defaults(call=commands.frame, kind="frame")
+
+
+def _add_watch(subparsers: Any, debug: argparse.ArgumentParser) -> None:
+    watch = subparsers.add_parser(
+        "watch",
+        parents=[debug],
+        epilog=WATCH_EXAMPLES,
+        help="replay evaluation episodes of a trial",
+        description="Replay episodes of a trial's last evaluation: scene and frame, action, reward, return "
+        "beside the optimum's in the same episode, and what the saved agent advises.",
+    )
+    watch.add_argument("trial", type=Path, metavar="TRIAL", help="folder of a trial")
+    watch.add_argument(
+        "--episode",
+        nargs="+",
+        type=_number,
+        default=[],
+        metavar="N",
+        help="numbers of evaluation episodes (default: the one whose return is the median)",
+    )
+    watch.add_argument(
+        "--drawn", action="store_true", help="episodes with drawn actions instead of the most probable ones"
+    )
+    watch.add_argument("--out", type=Path, metavar="FILE", help=".gif or .mp4 (default: the terminal)")
+    watch.set_defaults(call=commands.watch)
 
 
 def _add_sweep(parser: argparse.ArgumentParser) -> None:

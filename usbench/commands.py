@@ -84,6 +84,21 @@ def frame(args: argparse.Namespace) -> None:
     print(f"{path}: {taken.kind}, {taken.values.shape} {taken.values.dtype}, {taken.unit}")
 
 
+def watch(args: argparse.Namespace) -> None:
+    """Replay evaluation episodes of a trial."""
+    from usbench import watch
+
+    out = args.out if args.out is None else watch.check_file(args.out)
+    watched = watch.choose(args.trial, args.episode, drawn=args.drawn)
+    if watched.adviser is None:
+        print(f"without advice: {watched.silence}", file=sys.stderr)
+    if out is None:
+        watch.show(watched)
+    else:
+        watch.write(watched, out)
+        print(out)
+
+
 def show_suite(args: argparse.Namespace) -> None:
     """Show tasks, algorithms and their defaults."""
     from usbench import console

@@ -8,6 +8,7 @@ import matplotlib
 from matplotlib.figure import Figure
 
 from usbench.atomic import atomic_file
+from usbench.records import ConfigurationError
 
 FORMATS = ("png", "svg", "pdf")
 # Okabe and Ito's palette without its yellow: told apart by colour-blind readers, on white.
@@ -43,6 +44,19 @@ def panels(
 def legend(figure: Figure, handles: Sequence[Any], labels: Sequence[str]) -> None:
     """Draw one legend for all panels, below them."""
     figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 5), fontsize=9)
+
+
+def check_file(path: Path, endings: Sequence[str]) -> Path:
+    """Return `path` if a file with one of `endings` can be written there.
+
+    Raises:
+        ConfigurationError: If it has another ending, or its folder does not exist.
+    """
+    if path.suffix not in endings:
+        raise ConfigurationError(f"--out must end with one of {', '.join(endings)}, not {path.name!r}.")
+    if not path.parent.is_dir() or path.is_dir():
+        raise ConfigurationError(f"--out must name a file in a folder that exists, not {str(path)!r}.")
+    return path
 
 
 def save(figure: Figure, path: Path) -> Path:

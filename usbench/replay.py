@@ -1,37 +1,60 @@
-"""An evaluation episode played again from its record (seed, start, actions), as an animated picture."""
+"""An evaluation episode played again from its record (seed, start, actions), as moving pictures."""
 
-from collections.abc import Iterator
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
-from PIL import Image, ImageDraw, ImageFont
 
-from usbench import records, suite
-from usbench.atomic import atomic_file
+from usbench import film, records, suite
+from usbench.envs import oracle
+from usbench.envs.pose import Pose
 from usbench.journal import read_rows
 
+if TYPE_CHECKING:  # asking an agent takes torch
+    from usbench.advice import Advice, Adviser
+
 REPLAY = "replay.gif"
-CAPTION_HEIGHT, CAPTION_COLOR = 28, (15, 18, 24)
-STEP_MS, LAST_STEP_MS = 450, 2000
 
 
 @dataclass(frozen=True)
 class Moment:
-    """What is seen after one step: the picture (height, width, 3) uint8, the action, and rewards so far."""
+    """What there is to see after one step, or at the start.
+
+    Attributes:
+        step: Steps made, 0 at the start.
+        picture: Scene beside frame, (height, width, 3) uint8.
+        action: What was done, "start" at the start.
+        reward: For it.
+        return_: Sum of rewards so far.
+        optimum: The same of the best policy that knows the pose, from the same start and with the same slips.
+        pose: Of the probe.
+        distance_mm: What is left to go, as the task defines it.
+        slip: What noise did to the probe after the action, in words; empty if nothing.
+        is_success: Whether this pose is the goal.
+        advice: What the agent advises now; None if it is not asked, and after the last step.
+    """
 
     step: int
     picture: npt.NDArray[np.uint8]
     action: str
     reward: float
     return_: float
+    optimum: float
+    pose: Pose
+    distance_mm: float
+    slip: str
+    is_success: bool
+    advice: Advice | None
 
 
-def typical_episode(folder: Path) -> dict[str, Any]:
-    """Return the record of the last checkpoint's episode, with drawn actions, whose return is the median.
+def last_evaluations(folder: Path, *, deterministic: bool) -> pd.DataFrame:
+    """Return the records of the last checkpoint's episodes.
 
     Raises:
         ValueError: If the trial has no evaluations.
@@ -39,24 +62,60 @@ def typical_episode(folder: Path) -> dict[str, Any]:
     rows = pd.DataFrame(read_rows(folder / records.EVALUATIONS))
     if rows.empty:
         raise ValueError(f"{folder} has no evaluations to replay.")
-    last = rows[(rows["checkpoint"] == rows["checkpoint"].max()) & ~rows["deterministic"]]
-    ordered = last.sort_values("return", kind="stable")
+    return rows[(rows["checkpoint"] == rows["checkpoint"].max()) & (rows["deterministic"] == deterministic)]
+
+
+def typical_episode(folder: Path, *, deterministic: bool = False) -> dict[str, Any]:
+    """Return the record of the last checkpoint's episode whose return is the median.
+
+    Raises:
+        ValueError: If the trial has no evaluations.
+    """
+    ordered = last_evaluations(folder, deterministic=deterministic).sort_values("return", kind="stable")
     return {str(key): value for key, value in ordered.iloc[len(ordered) // 2].items()}
 
 
-def play(task: str, noise: float, eval_episode: int, actions: list[int]) -> Iterator[Moment]:
-    """Yield what is seen at the start (step 0) and after every recorded action."""
+def play(
+    task: str,
+    noise: float,
+    eval_episode: int,
+    actions: Sequence[int],
+    *,
+    n_frames: int = 4,
+    adviser: Adviser | None = None,
+) -> Iterator[Moment]:
+    """Yield what is seen at the start and after every recorded action."""
     episode = suite.evaluation_episodes(task)[eval_episode]
-    names = [action.name for action in suite.TASKS[task].guidance.actions]
-    env = suite.make_env(task, noise, render_mode="rgb_array")
-    env.reset(seed=episode.seed, options=episode.options)
-    yield Moment(0, _picture(env), "start", 0.0, 0.0)
-    total = 0.0
-    for step, action in enumerate(actions, start=1):
-        reward = float(env.step(action)[1])
-        total += reward
-        yield Moment(step, _picture(env), names[action], reward, total)
+    names = action_names(task)
+    env = suite.make_env(task, noise, n_frames=n_frames, render_mode="rgb_array")
+    observation, info = env.reset(seed=episode.seed, options=episode.options)
+    optima = _optimum(task, noise, episode)
+    total, reward, name = 0.0, 0.0, "start"
+    for step in range(len(actions) + 1):
+        if step:
+            observation, given, _, _, info = env.step(actions[step - 1])
+            reward, name = float(given), names[actions[step - 1]]
+            total += reward
+        asked = adviser if step < len(actions) else None
+        yield Moment(
+            step=step,
+            picture=np.asarray(env.render(), dtype=np.uint8),
+            action=name,
+            reward=reward,
+            return_=total,
+            optimum=next(optima),
+            pose=Pose(*(info[key] for key in ("x_mm", "focal_depth_mm", "angle_deg"))),
+            distance_mm=info["distance_mm"],
+            slip=_slip(info["noise"]),
+            is_success=info["is_success"],
+            advice=asked.advise(observation, info, step) if asked else None,
+        )
     env.close()
+
+
+def action_names(task: str) -> list[str]:
+    """Return what the actions of a task are called."""
+    return [action.name for action in suite.TASKS[task].guidance.actions]
 
 
 def write_gif(folder: Path) -> Path:
@@ -64,33 +123,30 @@ def write_gif(folder: Path) -> Path:
     config = records.read_state(folder)["config"]
     record = typical_episode(folder)
     moments = play(config["task"], config["noise"], int(record["eval_episode"]), record["actions"])
-    pages = [_page(moment, len(record["actions"])) for moment in moments]
     path = folder / REPLAY
-    with atomic_file(path) as file:
-        pages[0].save(
-            file,
-            format="GIF",
-            save_all=True,
-            append_images=pages[1:],
-            duration=[STEP_MS] * (len(pages) - 1) + [LAST_STEP_MS],
-            loop=0,
-        )
+    names = action_names(config["task"])
+    film.write(path, [film.page(moment, len(record["actions"]), names) for moment in moments])
     return path
 
 
-def _picture(env: Any) -> npt.NDArray[np.uint8]:
-    return np.asarray(env.render(), dtype=np.uint8)
+def _optimum(task: str, noise: float, episode: suite.EvaluationEpisode) -> Iterator[float]:
+    """Yield the running return of the optimal policy in an episode, from 0 at its start."""
+    plan = oracle.policy(task, noise)
+    env = suite.make_env(task, noise)
+    _, info = env.reset(seed=episode.seed, options=episode.options)
+    total, step, over = 0.0, 0, False
+    while not over:
+        yield total
+        pose = (info["x_mm"], info["focal_depth_mm"], info["angle_deg"])
+        _, reward, _, over, info = env.step(plan.action(step, pose))
+        total, step = total + float(reward), step + 1
+    yield total
 
 
-def _page(moment: Moment, steps: int) -> Image.Image:
-    """Return the picture with a caption below it."""
-    height, width, _ = moment.picture.shape
-    page = Image.new("RGB", (width, height + CAPTION_HEIGHT), CAPTION_COLOR)
-    page.paste(Image.fromarray(moment.picture), (0, 0))
-    caption = (
-        f"step {moment.step}/{steps}   {moment.action}   "
-        f"reward {moment.reward:.2f}   return {moment.return_:.2f}"
+def _slip(noise: dict[str, int]) -> str:
+    """Return a displacement in words; one that the border blocked moved nothing."""
+    return ", ".join(
+        f"turned {change:+d}°" if name == "angle_deg" else f"slipped {change:+d} mm"
+        for name, change in noise.items()
+        if change
     )
-    font = ImageFont.load_default(size=14)
-    ImageDraw.Draw(page).text((8, height + 6), caption, fill="white", font=font)
-    return page

@@ -76,10 +76,7 @@ def path(out: Path | None, kind: str, pose: Pose, plain: bool = False) -> Path:
     """
     if out is None:
         out = Path(f"{kind}_x{pose.x_mm}_depth{pose.focal_depth_mm}_angle{pose.angle_deg}.png")
-    if out.suffix not in FORMATS:
-        raise ConfigurationError(f"--out must end with one of {', '.join(FORMATS)}, not {out.name!r}.")
-    if not out.parent.is_dir() or out.is_dir():
-        raise ConfigurationError(f"--out must name a file in a folder that exists, not {str(out)!r}.")
+    drawing.check_file(out, FORMATS)
     if plain and (kind != "frame" or out.suffix != ".png"):
         raise ConfigurationError("--plain is for a frame as .png: everything else has no pixels to be bare.")
     return out

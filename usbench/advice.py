@@ -1,0 +1,88 @@
+"""What an agent advises: how likely it is to take every action, or how much it expects of it."""
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import torch
+from sb3_contrib.common.recurrent.policies import RecurrentActorCriticPolicy
+from sb3_contrib.qrdqn.policies import QRDQNPolicy
+from stable_baselines3.common.policies import ActorCriticPolicy, BasePolicy
+from stable_baselines3.dqn.policies import DQNPolicy
+
+from usbench.agents.baselines import Random
+
+
+@dataclass(frozen=True)
+class Advice:
+    """What an agent makes of every action.
+
+    Attributes:
+        weights: One number per action: its probability, or the discounted return that is expected of it.
+        kind: Which of both.
+    """
+
+    weights: tuple[float, ...]
+    kind: Literal["probability", "value"] = "probability"
+
+    @property
+    def best(self) -> int:
+        """The action that the agent advises."""
+        return int(np.argmax(self.weights))
+
+
+class Adviser:
+    """Asks an agent about one episode, step by step; `begin` comes before each episode."""
+
+    def __init__(self, agent: Any) -> None:
+        """Ask `agent`, which acts with `predict`."""
+        self._agent = agent
+        self._policy = getattr(agent, "policy", None)
+        if isinstance(self._policy, BasePolicy):
+            self._policy.set_training_mode(False)
+        self._memory: Any = None
+        self.begin()
+
+    def begin(self) -> None:
+        """Forget the episode before."""
+        self._memory = None
+        if isinstance(self._policy, RecurrentActorCriticPolicy):
+            shape = (self._policy.lstm_actor.num_layers, 1, self._policy.lstm_actor.hidden_size)
+            self._memory = (torch.zeros(shape), torch.zeros(shape))
+
+    @torch.no_grad()
+    def advise(self, observation: Any, info: dict[str, Any], step: int) -> Advice:
+        """Return the advice after `step` steps; `info` is for agents alone that see the state."""
+        policy = self._policy
+        if isinstance(policy, RecurrentActorCriticPolicy):
+            first = torch.tensor([float(step == 0)])
+            seen, _ = policy.obs_to_tensor(observation[np.newaxis])
+            distribution, self._memory = policy.get_distribution(seen, self._memory, first)
+            return Advice(_numbers(distribution.distribution.probs))
+        if isinstance(policy, ActorCriticPolicy):
+            seen, _ = policy.obs_to_tensor(observation[np.newaxis])
+            return Advice(_numbers(policy.get_distribution(seen).distribution.probs))  # type: ignore[attr-defined]
+        if isinstance(policy, DQNPolicy):
+            seen, _ = policy.obs_to_tensor(observation[np.newaxis])
+            return Advice(_numbers(policy.q_net(seen)), "value")
+        if isinstance(policy, QRDQNPolicy):
+            seen, _ = policy.obs_to_tensor(observation[np.newaxis])
+            return Advice(_numbers(policy.quantile_net(seen).mean(dim=1)), "value")
+        return self._certain(observation, info, step)
+
+    def _certain(self, observation: Any, info: dict[str, Any], step: int) -> Advice:
+        """Ask an agent that tells nothing but its action."""
+        n_actions = int(self._agent.action_space.n)
+        if isinstance(self._agent, Random):
+            return Advice((1 / n_actions,) * n_actions)
+        seen = (
+            [{**info, "step": step}] if getattr(self._agent, "sees_state", False) else observation[np.newaxis]
+        )
+        actions, self._memory = self._agent.predict(
+            seen, state=self._memory, episode_start=np.array([step == 0]), deterministic=True
+        )
+        return Advice(tuple(float(action == int(actions[0])) for action in range(n_actions)))
+
+
+def _numbers(row: torch.Tensor) -> tuple[float, ...]:
+    return tuple(row[0].tolist())
