@@ -22,6 +22,7 @@ EXAMPLES = """examples:
   usbench leaderboard
   usbench frame --x 10 --depth 35 --angle 60
   usbench watch runs/pp-p0-vpg-s0-4bb5b115
+  usbench plot runs --out figures --format svg
   usbench list
   usbench cache --clear
 """
@@ -48,6 +49,23 @@ WATCH_EXAMPLES = """examples:
       in the terminal; as a table of text where the output is no terminal
   usbench watch runs/pp-p0-vpg-s0-4bb5b115 --episode 0 17 --out episodes.mp4
   usbench watch runs/pp-p0-vpg-s0-4bb5b115 --drawn --out episode.gif
+"""
+
+PLOT_EXAMPLES = """examples:
+  usbench plot
+      the leaderboard's figures of all trials in runs
+  usbench plot runs/pp-p0-vpg-s0-4bb5b115 --format png svg pdf
+      of one trial, with its learning curve
+  usbench plot leaderboard_files --out paper --format pdf
+      from the tables that compare left
+"""
+
+GUIDE_EXAMPLES = """examples:
+  usbench guide
+  usbench guide runs/pp-p0-vpg-s0-4bb5b115 --noise 0.25
+  usbench guide --task fp --port 8000 --no-browser
+
+Nobody but this machine can reach the page. From elsewhere: ssh -L 8000:127.0.0.1:8000 HOST
 """
 
 SEARCH_EXAMPLES = """examples:
@@ -112,6 +130,8 @@ def build_parser() -> argparse.ArgumentParser:
     _add_search(subparsers, debug)
     _add_frame(subparsers, debug)
     _add_watch(subparsers, debug)
+    _add_guide(subparsers, debug)
+    _add_plot(subparsers, debug)
     show = subparsers.add_parser("list", parents=[debug], help="show tasks, algorithms and their defaults")
     show.set_defaults(call=commands.show_suite)
 
@@ -261,6 +281,58 @@ def _add_watch(subparsers: Any, debug: argparse.ArgumentParser) -> None:
     )
     watch.add_argument("--out", type=Path, metavar="FILE", help=".gif or .mp4 (default: the terminal)")
     watch.set_defaults(call=commands.watch)
+
+
+def _add_plot(subparsers: Any, debug: argparse.ArgumentParser) -> None:
+    plot = subparsers.add_parser(
+        "plot",
+        parents=[debug],
+        epilog=PLOT_EXAMPLES,
+        help="draw figures of any set of trials",
+        description="Draw the leaderboard's figures of finished trials, and the learning curve "
+        "of every trial that is named itself.",
+    )
+    plot.add_argument(
+        "runs",
+        nargs="*",
+        type=Path,
+        default=[Path("runs")],
+        metavar="RUNS",
+        help="folders of trials, single trials, or the folder of a leaderboard's tables (default runs)",
+    )
+    plot.add_argument("--out", type=Path, default=Path("figures"), help="folder (default figures)")
+    plot.add_argument(
+        "--format",
+        nargs="+",
+        default=["png"],
+        dest="formats",
+        metavar="KIND",
+        help="png, svg, pdf, or several of them (default png)",
+    )
+    plot.set_defaults(call=commands.plot)
+
+
+def _add_guide(subparsers: Any, debug: argparse.ArgumentParser) -> None:
+    guide = subparsers.add_parser(
+        "guide",
+        parents=[debug],
+        epilog=GUIDE_EXAMPLES,
+        help="move the probe yourself, in the browser, with an agent's advice",
+        description="Serve a page on which you move the probe, or watch an agent do it, with the agent's advice "
+        "and the optimum beside; needs usbench[guide]. Ctrl-C ends it.",
+    )
+    guide.add_argument(
+        "trial", type=Path, nargs="?", metavar="TRIAL", help="folder of a trial (default: the best in --runs)"
+    )
+    guide.add_argument("--task", metavar="NAME", help="task to begin with (default: the trial's, or pp)")
+    guide.add_argument("--noise", type=_number, metavar="P", help="0..1 (default: the trial's, or 0)")
+    guide.add_argument("--seed", type=_number, metavar="N", help="of the episodes (default: drawn)")
+    guide.add_argument(
+        "--runs", type=Path, default=Path("runs"), metavar="DIR", help="folder with trials (default runs)"
+    )
+    guide.add_argument("--port", type=_number, default=0, metavar="N", help="(default: a free one)")
+    guide.add_argument("--no-browser", action="store_true", help="print the address, open nothing")
+    guide.set_defaults(call=commands.guide)
 
 
 def _add_sweep(parser: argparse.ArgumentParser) -> None:

@@ -99,6 +99,28 @@ def watch(args: argparse.Namespace) -> None:
         print(out)
 
 
+def plot(args: argparse.Namespace) -> None:
+    """Draw figures of any set of trials."""
+    from usbench import plots
+
+    for path in plots.write(args.runs, args.out, args.formats):
+        print(path)
+
+
+def guide(args: argparse.Namespace) -> None:
+    """Serve the page on which a person moves the probe, until Ctrl-C."""
+    from usbench import console, guide_server, runner, suite
+    from usbench.guide_session import Session
+
+    with guide_server.listening(args.port) as listener:
+        session = Session(args.runs, args.trial, task=args.task, noise=args.noise, seed=args.seed)
+        bars = console.Bars()
+        for task in suite.TASKS:
+            runner.prepare_frames(task, bars.frames)
+        bars.close()
+        guide_server.serve(session, listener, browser=not args.no_browser)
+
+
 def show_suite(args: argparse.Namespace) -> None:
     """Show tasks, algorithms and their defaults."""
     from usbench import console

@@ -14,6 +14,8 @@ FORMATS = ("png", "svg", "pdf")
 # Okabe and Ito's palette without its yellow: told apart by colour-blind readers, on white.
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000")
 LINES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)), (0, (1, 2, 4, 2)))
+# Inches that a line with its marker takes, and a letter of its label.
+LEGEND_HANDLE, LEGEND_LETTER = 0.62, 0.085
 MARKERS = ("o", "s", "D", "^", "v", "P", "X")
 
 
@@ -42,8 +44,11 @@ def panels(
 
 
 def legend(figure: Figure, handles: Sequence[Any], labels: Sequence[str]) -> None:
-    """Draw one legend for all panels, below them."""
-    figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 5), fontsize=9)
+    """Draw one legend for all panels, below them, in as many columns as fit."""
+    longest = max(map(len, labels), default=0)
+    fitting = int(figure.get_figwidth() / (LEGEND_HANDLE + LEGEND_LETTER * longest))
+    ncols = max(min(len(labels), fitting, 5), 1)
+    figure.legend(handles, labels, loc="outside lower center", ncols=ncols, fontsize=9)
 
 
 def check_file(path: Path, endings: Sequence[str]) -> Path:
