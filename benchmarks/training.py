@@ -1,15 +1,20 @@
-"""Time and memory that training takes, for every algorithm: `make bench-train`.
+"""Time and memory that training takes, here and in plain scripts: `make bench-train`.
 
-Each algorithm trains in a fresh process of one thread, on frames simulated beforehand, without evaluations.
+Each algorithm trains in a process of one thread, beside plain scripts (benchmarks/plain) of one thread and of
+as many as PyTorch takes by itself. They take turns, so that whoever else uses the machine slows all of them
+alike. Frames are simulated beforehand, and nothing is evaluated.
 """
 
 import argparse
+import contextlib
 import json
 import os
 import resource
+import statistics
 import subprocess
 import sys
 import time
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from rich.console import Console
@@ -19,67 +24,163 @@ from rich.table import Table
 WARM_UP = 512
 # This process stays small, since a child's peak memory begins with its parent's: it imports no torch.
 ALGOS = ("vpg", "a2c", "ppo", "dqn", "qrdqn", "trpo", "recurrent_ppo")
+ONE_THREAD = {"USBENCH_THREADS": "1", "OMP_NUM_THREADS": "1"}
+PROGRAMS = {"here": ("here", ONE_THREAD), "plain": ("plain", ONE_THREAD), "plain, threads": ("plain", {})}
+ASKED = 1.4
+CAPTION = (
+    "Training on {task}: medians of {turns} turns of {steps} steps (or whole rollouts) after {warm_up} more. "
+    '"plain" is benchmarks/plain, Stable-Baselines3 itself (vpg: a loop after Spinning Up), with one thread; '
+    '"plain, threads" is the same with as many as PyTorch takes. The same for all: environment, frames, '
+    "stacks, normalisation, network, hyperparameters, seed; from the same weights they learn the same up to "
+    "rounding (tests/test_plain_scripts.py). An update is one call of train(). The ratio is the plain time "
+    "per step to that here, turn by turn; asked for: at least {asked}."
+)
 
 
-def measure(algo: str, task: str, steps: int) -> dict[str, float]:
-    """Train in this process; return CPU and wall seconds per 1000 steps, and peak memory in MB."""
+def make(program: str, algo: str, task: str) -> Any:
+    """The model of `algo`, of this project or of the plain script."""
     import torch
     from stable_baselines3.common.vec_env import DummyVecEnv
 
     from usbench import suite
     from usbench.agents import zoo
 
-    torch.set_num_threads(1)
-    env = DummyVecEnv([lambda: suite.make_env(task)])
-    model = zoo.make(algo, env, 0, zoo.hyperparameters(algo, task), device="cpu")
+    hyperparameters = zoo.hyperparameters(algo, task)
+    if program == "here":
+        torch.set_num_threads(1)
+        env = DummyVecEnv([lambda: suite.make_env(task)])
+        return zoo.make(algo, env, 0, hyperparameters, device="cpu")
+    if algo == "vpg":
+        from plain import environment, spinning_up
+
+        return spinning_up.VPG(environment.make_env(task), 0, **hyperparameters)
+    from plain import sb3
+
+    return sb3.make(algo, task, hyperparameters)
+
+
+class Updates:
+    """Counts the calls of a model's `train` and the CPU and wall seconds that they take."""
+
+    def __init__(self, model: Any) -> None:
+        """Puts itself before `model.train`."""
+        self.count, self.cpu, self.wall = 0, 0.0, 0.0
+        self._train, model.train = model.train, self
+
+    def __call__(self, *args: Any, **kwargs: Any) -> None:
+        """One update."""
+        cpu, wall = time.process_time(), time.perf_counter()
+        self._train(*args, **kwargs)
+        self.count += 1
+        self.cpu += time.process_time() - cpu
+        self.wall += time.perf_counter() - wall
+
+
+def child(program: str, algo: str, task: str) -> None:
+    """Train `algo` in this process: as many steps a turn as standard input says; print what each took."""
+    model = make(program, algo, task)
     model.learn(WARM_UP)
-    cpu, wall, before = time.process_time(), time.perf_counter(), model.num_timesteps
-    model.learn(steps, reset_num_timesteps=False)
-    done = (model.num_timesteps - before) / 1000
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss  # kB on Linux, bytes on macOS
-    return {
-        "cpu_s": (time.process_time() - cpu) / done,
-        "wall_s": (time.perf_counter() - wall) / done,
-        "peak_mb": peak / (1e6 if sys.platform == "darwin" else 1e6 / 1024),
-    }
+    updates = Updates(model)
+    print("warm", flush=True)
+    for line in sys.stdin:
+        updates.count, updates.cpu, updates.wall = 0, 0.0, 0.0
+        cpu, wall, before = time.process_time(), time.perf_counter(), model.num_timesteps
+        more = {} if (program, algo) == ("plain", "vpg") else {"reset_num_timesteps": False}
+        model.learn(int(line), **more)
+        steps, peak = model.num_timesteps - before, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        turn = {
+            "cpu": (time.process_time() - cpu) / steps,
+            "wall": (time.perf_counter() - wall) / steps,
+            "update_cpu": updates.cpu / updates.count,
+            "update_wall": updates.wall / updates.count,
+            # kB on Linux, bytes on macOS
+            "peak_mb": peak / (1e6 if sys.platform == "darwin" else 1e6 / 1024),
+        }
+        print(json.dumps(turn), flush=True)
 
 
-def in_fresh_process(*argv: str) -> Any:
-    """Run this file with `argv` and return what it prints, from JSON."""
-    done = subprocess.run(
-        [sys.executable, __file__, *argv],
-        check=True,
-        stdout=subprocess.PIPE,
-        env={**os.environ, "USBENCH_THREADS": "1", "OMP_NUM_THREADS": "1"},
-    )
-    return json.loads(done.stdout)
+@contextlib.contextmanager
+def training(program: str, algo: str, task: str, threads: Mapping[str, str]) -> Iterator[Any]:
+    """A process that trains on demand; gives a function from a number of steps to what they took."""
+    inherited = {name: value for name, value in os.environ.items() if name not in ONE_THREAD}
+    command = [sys.executable, __file__, "--child", program, "--algos", algo, "--task", task]
+    with subprocess.Popen(
+        command, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env={**inherited, **threads}
+    ) as process:
+        assert process.stdin is not None and process.stdout is not None
+        stdin, stdout = process.stdin, process.stdout
+        if not stdout.readline():
+            raise SystemExit(f"{algo} ({program}) failed, for the reason above.")
+
+        def turn(steps: int) -> dict[str, float]:
+            print(steps, file=stdin, flush=True)
+            found: dict[str, float] = json.loads(stdout.readline())
+            return found
+
+        yield turn
+
+
+def compare(algo: str, task: str, steps: int, turns: int) -> dict[str, list[dict[str, float]]]:
+    """What `turns` turns of every program took, one after the other."""
+    found: dict[str, list[dict[str, float]]] = {name: [] for name in PROGRAMS}
+    with contextlib.ExitStack() as stack:
+        ask = {
+            name: stack.enter_context(training(program, algo, task, threads))
+            for name, (program, threads) in PROGRAMS.items()
+        }
+        for _ in range(turns):
+            for name in PROGRAMS:
+                found[name].append(ask[name](steps))
+    return found
+
+
+def rows(algo: str, found: Mapping[str, list[dict[str, float]]]) -> Iterator[list[str]]:
+    """The lines of the table for one algorithm."""
+    for name, turns in found.items():
+        median = {key: statistics.median(turn[key] for turn in turns) for key in turns[0]}
+        ratios = [
+            statistics.median(turn[key] / here[key] for turn, here in zip(turns, found["here"], strict=True))
+            for key in ("cpu", "wall")
+        ]
+        yield [
+            algo if name == "here" else "",
+            name,
+            *(f"{1 / median[key]:.0f}" for key in ("cpu", "wall")),
+            *(f"{1000 * median[key]:.1f}" for key in ("update_cpu", "update_wall")),
+            f"{median['peak_mb']:.0f}",
+            *(["", ""] if name == "here" else [f"{ratio:.2f}" for ratio in ratios]),
+        ]
 
 
 def main() -> None:
-    """Measure one algorithm after the other and print a table."""
+    """Compare one algorithm after the other and print a table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--algos", nargs="+", default=ALGOS, choices=ALGOS, metavar="NAME")
     parser.add_argument("--task", default="pp", choices=("fp", "pp"))
-    parser.add_argument("--steps", type=int, default=1024, help="timed steps (default 1024)")
-    parser.add_argument("--child", action="store_true", help=argparse.SUPPRESS)
+    parser.add_argument("--steps", type=int, default=256, help="steps of a turn (default 256)")
+    parser.add_argument("--turns", type=int, default=3, help="turns of each program (default 3)")
+    parser.add_argument("--child", choices=("here", "plain"), help=argparse.SUPPRESS)
     args = parser.parse_args()
-    if args.steps < 1:
-        parser.error(f"--steps must be a whole number of at least 1, not {args.steps}.")
+    for name in ("steps", "turns"):
+        if getattr(args, name) < 1:
+            parser.error(f"--{name} must be a whole number of at least 1, not {getattr(args, name)}.")
     if args.child:
-        print(json.dumps(measure(args.algos[0], args.task, args.steps)))
+        child(args.child, args.algos[0], args.task)
         return
     frames = f"from usbench import runner; runner.prepare_frames({args.task!r})"
     subprocess.run([sys.executable, "-c", frames], check=True)
-    table = Table(
-        caption=f"Training on {args.task}: {args.steps} steps (or whole rollouts) after the first {WARM_UP}."
+    caption = CAPTION.format(task=args.task, turns=args.turns, steps=args.steps, warm_up=WARM_UP, asked=ASKED)
+    table = Table(caption=caption, caption_justify="left")
+    heads = (
+        *("algorithm", "program", "steps per\nCPU s", "steps per\nsecond", "update\nCPU ms", "update\nms"),
+        *("peak\nMB", "ratio,\nCPU", "ratio,\nwall"),
     )
-    for name in ("algorithm", "CPU s per\n1000 steps", "steps per\nsecond", "peak memory\n(MB)"):
-        table.add_column(name, justify="left" if name == "algorithm" else "right", no_wrap=True)
+    for number, head in enumerate(heads):
+        table.add_column(head, justify="left" if number < 2 else "right", no_wrap=True)
     for algo in args.algos:
-        found = in_fresh_process("--child", "--algos", algo, "--task", args.task, "--steps", str(args.steps))
-        speed = 1000 / found["wall_s"]
-        table.add_row(algo, f"{found['cpu_s']:.1f}", f"{speed:.0f}", f"{found['peak_mb']:.0f}")
-    Console(width=100).print(table)
+        for row in rows(algo, compare(algo, args.task, args.steps, args.turns)):
+            table.add_row(*row, end_section=row[1] == [*PROGRAMS][-1])
+    Console(width=110).print(table)
 
 
 if __name__ == "__main__":
