@@ -50,6 +50,7 @@ class Task:
         distance_mm: (pose, target) -> what is left to go, in mm.
         n_steps: Length of an episode.
         limits: Where the probe can be.
+        stops: Whether the last action ends the episode; it earns the pose's reward for every step left.
     """
 
     name: str
@@ -63,6 +64,7 @@ class Task:
     distance_mm: Callable[[Pose, Pose], float]
     n_steps: int = 16
     limits: Limits = LIMITS
+    stops: bool = False
 
     @cached_property
     def indices(self) -> dict[Pose, int]:
@@ -136,6 +138,7 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
         self.observation_space = gym.spaces.Box(0, 255, (90, 40, 1), np.uint8)
         self._pose: Pose | None = None
         self._frames: FrameStore | None = None
+        self._steps_left = 0
 
     @property
     def pose(self) -> Pose:
@@ -161,23 +164,28 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
         # Drawn even where options replace it, so that they do not shift the stream.
         start = self.task.starts[self.np_random.integers(len(self.task.starts))]
         self._pose = self._with_options(start, options)
+        self._steps_left = self.task.n_steps
         return self._observation(), self._info({})
 
     def step(self, action: int) -> tuple[npt.NDArray[np.uint8], float, bool, bool, dict[str, Any]]:
-        """Act, reward, displace with probability `noise`, observe; never terminates (see TimeLimit)."""
+        """Act, reward, displace with probability `noise`, observe; terminates where the agent stops."""
         if isinstance(action, bool) or not self.action_space.contains(action):
             raise ValueError(
                 f"action must be a whole number from 0 to {len(self.task.actions) - 1}, not {action!r}."
             )
         pose = self.pose.moved(self.task.actions[int(action)].move, self.task.limits)
         reward = self.task.reward(pose, self.target, self.reward)
+        stopped = self.task.stops and int(action) == len(self.task.actions) - 1
+        if stopped:
+            reward *= max(self._steps_left, 1)
+        self._steps_left -= 1
 
         # Both numbers are drawn at every step: the stream depends neither on the actions nor on `noise`.
-        occurs = self.np_random.random() < self.noise
+        occurs = self.np_random.random() < self.noise and not stopped
         displacement = self.task.displacements[self.np_random.integers(len(self.task.displacements))]
         self._pose = pose.moved(displacement, self.task.limits) if occurs else pose
         displaced = _difference(pose, self._pose, displacement) if occurs else {}
-        return self._observation(), reward, False, False, self._info(displaced)
+        return self._observation(), reward, stopped, False, self._info(displaced)
 
     def render(self) -> npt.NDArray[np.uint8] | None:
         """Return the scene beside the frame, (height, width, 3) uint8 RGB, if render_mode is "rgb_array"."""

@@ -8,12 +8,13 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
+from usbench.envs.examination import EXAMINATION, EXAMINATION_STOP
 from usbench.envs.focal_point import FOCAL_POINT
 from usbench.envs.guidance import Task, check_noise, check_reward, unknown
 from usbench.envs.pose import Move, Pose
 from usbench.envs.probe_plane import PROBE_PLANE
 
-TASKS = {task.name: task for task in (FOCAL_POINT, PROBE_PLANE)}
+TASKS = {task.name: task for task in (FOCAL_POINT, PROBE_PLANE, EXAMINATION, EXAMINATION_STOP)}
 PAPER_TARGET = Pose(0, 50, 0)
 
 
@@ -108,11 +109,10 @@ def _returns(task: Task, noise: float, reward: str, target: Pose) -> Returns:
 @lru_cache(maxsize=256)
 def _policy(task: Task, noise: float, reward: str, target: Pose) -> Policy:
     """Backward induction: Q_t(s, a) = r(s') + E[V_t+1(s' displaced)], with s' the pose after a in s."""
-    following, _ = _transitions(task)
     best = np.zeros((task.n_steps, len(task.states), len(task.actions)), bool)
     values = np.zeros((task.n_steps + 1, len(task.states)))
     for step in reversed(range(task.n_steps)):
-        q = _arrival(task, noise, reward, target, values[step + 1])[following]
+        q = _action_values(task, noise, reward, target, values[step + 1], task.n_steps - step)
         # Rounding must not decide between equally good actions, or the bits differ between machines.
         best[step] = q >= q.max(axis=1, keepdims=True) - 1e-9
         values[step] = q.max(axis=1)
@@ -126,21 +126,23 @@ def _values(
     task: Task, noise: float, reward: str, target: Pose, weights: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.float64]:
     """Return the expected return from every state, (n_states,), where action a has probability weights[a]."""
-    following, _ = _transitions(task)
     values = np.zeros(len(task.states))
-    for _ in range(task.n_steps):
-        values = _arrival(task, noise, reward, target, values)[following] @ weights
+    for steps_left in range(1, task.n_steps + 1):
+        values = _action_values(task, noise, reward, target, values, steps_left) @ weights
     return values
 
 
-def _arrival(
-    task: Task, noise: float, reward: str, target: Pose, values: npt.NDArray[np.float64]
+def _action_values(
+    task: Task, noise: float, reward: str, target: Pose, values: npt.NDArray[np.float64], steps_left: int
 ) -> npt.NDArray[np.float64]:
-    """Return reward plus expected value after the noise for arriving in every state, (n_states,)."""
-    _, displaced = _transitions(task)
+    """Return reward plus expected value after the noise, (n_states, n_actions), from `values` one step on."""
+    following, displaced = _transitions(task)
     rewards = np.array([task.reward(pose, target, reward) for pose in task.states])
     expected = (1 - noise) * values + noise * values[displaced].mean(axis=1)
-    return np.asarray(rewards + expected, dtype=np.float64)
+    q = np.asarray(rewards + expected, dtype=np.float64)[following]
+    if task.stops:
+        q[:, -1] = rewards * steps_left
+    return q
 
 
 @lru_cache(maxsize=16)
