@@ -122,6 +122,9 @@ def build_parser() -> argparse.ArgumentParser:
     )
     run.add_argument("--out", type=Path, default=Path("runs"), help="folder for trials (default runs)")
     run.add_argument("--overwrite", action="store_true", help="run again even if finished")
+    run.add_argument(
+        "--wandb", action="store_true", help="let Weights & Biases follow the training; needs usbench[wandb]"
+    )
     run.add_argument("--quiet", action="store_true", help="no progress")
     run.set_defaults(call=commands.run)
 

@@ -1,12 +1,13 @@
 """What each command does, given its arguments; everything heavy is imported when a command runs."""
 
 import argparse
+import contextlib
 import sys
 
 
 def run(args: argparse.Namespace) -> None:
     """Train and evaluate one agent on one task."""
-    from usbench import console, plots, replay, runner, training
+    from usbench import console, plots, records, replay, runner, training, wandb_run
 
     config = runner.resolve(
         args.algo,
@@ -18,8 +19,11 @@ def run(args: argparse.Namespace) -> None:
         overrides=dict(args.set),
     )
     progress: training.Progress = training.Silent() if args.quiet else console.Bars()
+    folder = args.out / config.folder_name
+    follow = args.wandb and (args.overwrite or records.read_state(folder).get("status") != "finished")
     try:
-        result = runner.run_trial(config, args.out, overwrite=args.overwrite, progress=progress)
+        with wandb_run.followed(config) if follow else contextlib.nullcontext():
+            result = runner.run_trial(config, args.out, overwrite=args.overwrite, progress=progress)
     finally:
         progress.close()
     if result.skipped:

@@ -1,0 +1,50 @@
+"""TensorBoard's chart of scores between anchors, and frames: read back from the events."""
+
+import numpy as np
+import pytest
+from stable_baselines3.common.logger import configure
+from stable_baselines3.common.vec_env import DummyVecEnv
+from tensorboard.backend.event_processing.event_accumulator import IMAGES, SCALARS, TENSORS, EventAccumulator
+
+from usbench import board, suite
+from usbench.agents import zoo
+from usbench.envs.pose import Pose
+from usbench.evaluation import Evaluator
+
+
+@pytest.fixture
+def agent(quick, tmp_path, monkeypatch):
+    env = DummyVecEnv([lambda: suite.make_env("pp")])
+    frames = suite.make_env("pp").unwrapped
+    frames.reset(seed=0)
+    monkeypatch.setattr(board, "frame_store", lambda *_: frames._frames)
+    agent = zoo.make("vpg", env, 0, zoo.hyperparameters("vpg", "pp"))
+    agent.set_logger(configure(str(tmp_path), ["tensorboard"]))
+    return agent
+
+
+def test_scores_anchors_and_frames_are_in_the_events(agent, tmp_path):
+    played = Evaluator("pp", 0.0, 4).play(agent, checkpoint=0, step=0, deterministic=True)
+    board.begin(agent.logger)
+    board.trained(agent.logger, 0.25)
+    board.evaluated(agent, played)
+    agent.logger.dump(16)
+    agent.logger.close()
+    events = EventAccumulator(str(tmp_path), size_guidance={IMAGES: 0, SCALARS: 0, TENSORS: 0}).Reload()
+    values = {
+        name: [(event.step, event.value) for event in events.Scalars(name)] for name in events.Tags()[SCALARS]
+    }
+    assert values == {board.TRAINING: [(16, 0.25)], board.RANDOM: [(16, 0.0)], board.OPTIMAL: [(16, 1.0)]}
+    (picture,) = events.Images(board.FRAMES)
+    # Seven episodes in the quick suite, and white between their frames.
+    assert (picture.height, picture.width) == (90, 7 * 40 + 6 * board.GAP_PX)
+    assert "custom_scalars__config__" in events.Tags()[TENSORS]
+
+
+def test_strip_shows_the_final_poses(agent):
+    played = Evaluator("pp", 0.0, 4).play(agent, checkpoint=0, step=0, deterministic=True)
+    strip = board.strip(agent, played[:2])
+    last = played[1]
+    pose = Pose(last.final_x_mm, last.final_focal_depth_mm, last.final_angle_deg)
+    np.testing.assert_array_equal(strip[:, 42:], board.frame_store().frame(pose))
+    assert (strip[:, 40:42] == 255).all()

@@ -1,0 +1,45 @@
+"""A trial that Weights & Biases follows: all that TensorBoard gets, and the configuration."""
+
+import contextlib
+from collections.abc import Iterator
+from dataclasses import asdict
+
+from usbench.records import ConfigurationError, TrialConfig
+
+PROJECT = "usbench"
+
+
+@contextlib.contextmanager
+def followed(config: TrialConfig) -> Iterator[None]:
+    """Let Weights & Biases follow the trial that runs inside; its own variables say how (WANDB_MODE, ..).
+
+    Raises:
+        ConfigurationError: If it is not installed or lets no run begin, as without an account.
+    """
+    try:
+        import wandb
+    except ImportError:
+        raise ConfigurationError(
+            "--wandb needs Weights & Biases, which is not installed: pip install 'usbench[wandb]'."
+        ) from None
+    try:
+        run = wandb.init(
+            project=PROJECT,
+            name=config.folder_name,
+            group=f"{config.task}-p{config.noise:g}-{config.algo}",
+            config=asdict(config),
+            # Before the trial makes its TensorBoard writer, which is what it listens to.
+            sync_tensorboard=True,
+            settings=wandb.Settings(console="off"),
+        )
+    except wandb.Error as error:
+        raise ConfigurationError(
+            f"Weights & Biases lets no run begin ({' '.join(str(error).split())}): run 'wandb login', or set "
+            "WANDB_MODE=offline."
+        ) from error
+    try:
+        yield
+    except BaseException:
+        run.finish(exit_code=1)
+        raise
+    run.finish()
