@@ -56,7 +56,7 @@ search: $(STAMP)  ## search hyperparameters of an algorithm (many hours): make s
 bench-sim: $(VENV)/.bench  ## accuracy and speed of the simulator, as a table
 	$(BIN)/python benchmarks/simulator.py
 
-bench-train: $(STAMP)  ## seconds and memory that training takes, for every algorithm, as a table
+bench-train: $(STAMP)  ## time and memory that training takes, beside plain scripts, as a table
 	$(BIN)/python benchmarks/training.py
 
 figures: $(STAMP)  ## draw the figures of docs/physics.md and print the widths of a point
