@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 ALGO ?= ppo
 STAMP := $(VENV)/.installed
 
-.PHONY: help run test slow lint format typecheck bench-sim bench-train compare leaderboard search figures failures scores clean
+.PHONY: help run test test-faults slow lint format typecheck bench-sim bench-train compare leaderboard search figures failures scores clean
 .DEFAULT_GOAL := help
 
 help:  ## show the jobs
@@ -20,10 +20,13 @@ run: $(STAMP)  ## train the paper's agent on the probe-plane task and show what 
 	$(BIN)/usbench run --algo vpg --task pp
 
 test: $(STAMP)  ## run the tests (without the slow ones)
-	$(BIN)/python -m pytest -m "not slow" -n auto --dist worksteal
+	$(BIN)/python -m pytest -m "not slow and not faults" -n auto --dist worksteal
 
 slow: $(STAMP)  ## run the slow tests (learning, timing)
 	$(BIN)/python -m pytest -m slow
+
+test-faults: $(STAMP)  ## kill, corrupt, interrupt and starve trials (minutes long; as root also full disks)
+	$(BIN)/python -m pytest -m faults -s tests/faults
 
 lint: $(STAMP)  ## check style and format
 	$(BIN)/ruff check .

@@ -10,6 +10,8 @@ from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.type_aliases import ReplayBufferSamples
 from stable_baselines3.common.vec_env import VecNormalize
 
+TRANSITIONS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
+
 
 class FrameReplayBuffer(ReplayBuffer):
     """SB3's replay buffer of `(height, width, channels)` observations, stored as the numbers of their frames.
@@ -47,6 +49,23 @@ class FrameReplayBuffer(ReplayBuffer):
     ) -> None:
         """Adds a transition of each environment, as SB3 does."""
         super().add(self._numbered(obs), self._numbered(next_obs), action, reward, done, infos)
+
+    def state(self) -> dict[str, Any]:
+        """What was added: views of the filled part of each array, and every different frame once."""
+        arrays = {name: getattr(self, name)[: self.size()] for name in TRANSITIONS}
+        return {"pos": self.pos, "full": self.full, "frames": self._frames[: len(self._numbers)], **arrays}
+
+    def put_back(self, state: dict[str, Any]) -> None:
+        """Fills the new, empty buffer with what `state` gave.
+
+        Raises:
+            ValueError: it comes from a buffer of other sizes.
+        """
+        self.pos, self.full = state["pos"], state["full"]
+        for frame in state["frames"]:
+            self._number(frame)
+        for name in TRANSITIONS:
+            getattr(self, name)[: self.size()] = state[name]
 
     def _get_samples(
         self, batch_inds: npt.NDArray[np.intp], env: VecNormalize | None = None

@@ -1,10 +1,11 @@
 """Files written whole or not at all."""
 
 import os
+import time
 
 import pytest
 
-from usbench.atomic import atomic_file
+from usbench.atomic import atomic_file, remove_leftovers
 
 
 def test_failed_write_leaves_the_old_file_and_no_leftover(tmp_path):
@@ -23,3 +24,17 @@ def test_written_file_has_the_usual_permissions(tmp_path):
         file.write(b"new")
     assert (tmp_path / "file").stat().st_mode == (tmp_path / "usual").stat().st_mode
     assert (tmp_path / "file").read_bytes() == b"new"
+
+
+def test_what_a_killed_writer_left_is_removed_by_a_later_one(tmp_path):
+    old, new, other = (tmp_path / name for name in (".file.abc.part", ".file.def.part", ".other.abc.part"))
+    for path in (old, new, other):
+        path.touch()
+    for path in (old, other):
+        os.utime(path, (time.time() - 7200, time.time() - 7200))
+    with atomic_file(tmp_path / "file") as file:
+        file.write(b"new")
+    # Another process may be writing the newer one; the third is no business of this file's.
+    assert sorted(os.listdir(tmp_path)) == [".file.def.part", ".other.abc.part", "file"]
+    remove_leftovers(tmp_path)
+    assert os.listdir(tmp_path) == ["file"]

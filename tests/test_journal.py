@@ -45,3 +45,28 @@ def test_not_a_number_never_enters_a_journal(path):
     with Journal(path) as journal, pytest.raises(ValueError, match="float"):
         journal.append([{"return": float("nan")}])
     assert read_rows(path) == ROWS
+
+
+def test_journal_is_cut_back_to_a_mark_and_goes_on(path):
+    with Journal(path) as journal:
+        mark = journal.mark()
+        assert mark["bytes"] == path.stat().st_size
+        journal.append(ROWS[:1])
+    with path.open("ab") as file:
+        file.write(b'{"torn')
+    with Journal(path) as journal:
+        journal.cut(mark)
+        assert journal.mark() == mark
+        journal.append(ROWS[1:])
+    assert read_rows(path) == [*ROWS, ROWS[1]]
+
+
+@pytest.mark.parametrize("change", [lambda content: content[:-1], lambda content: b"#" + content[1:]])
+def test_journal_that_is_not_what_was_marked_is_refused_and_left_alone(path, change):
+    with Journal(path) as journal:
+        mark = journal.mark()
+    changed = change(path.read_bytes()) + b"{}\n"
+    path.write_bytes(changed)
+    with Journal(path) as journal, pytest.raises(ValueError, match="is not what its trial wrote"):
+        journal.cut(mark)
+    assert path.read_bytes() == changed

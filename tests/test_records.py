@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from usbench import records
+from usbench import checksums, records
 from usbench.journal import Journal, read_rows
 from usbench.records import ConfigurationError, Evaluation, TrialConfig
 
@@ -88,7 +88,9 @@ def test_load_gives_one_table_with_the_normalised_score(tmp_path):
 
 
 def test_load_takes_one_trial_and_passes_over_earlier_attempts(tmp_path):
-    trial(tmp_path, status="interrupted")
+    first = trial(tmp_path, status="interrupted")
+    with Journal(first / records.EPISODES) as journal:
+        journal.append([evaluation().as_row()])
     folder = trial(tmp_path, rows=1)
     assert (tmp_path / f"{folder.name}.earlier-1" / records.EVALUATIONS).exists()
     assert len(records.load(tmp_path)) == 1
@@ -125,6 +127,31 @@ def test_output_folder_that_is_a_file_is_refused(tmp_path):
     (tmp_path / "runs").write_text("")
     with pytest.raises(ConfigurationError, match="runs' cannot be written"):
         records.create(tmp_path / "runs", CONFIG)
+
+
+def test_folder_of_a_trial_without_an_episode_is_used_again(tmp_path):
+    folder = trial(tmp_path, status="running")
+    (folder / records.EPISODES).touch()
+    (folder / records.CHECKPOINTS).mkdir()
+    assert records.create(tmp_path, CONFIG) == folder
+    assert [path.name for path in tmp_path.glob("*/*")] == [records.TRIAL]
+    assert not list(tmp_path.glob("*.earlier-*"))
+
+
+def test_somebody_elses_file_in_a_trial_folder_is_never_removed(tmp_path):
+    (trial(tmp_path, status="running") / "notes.txt").write_text("mine")
+    folder = records.create(tmp_path, CONFIG)
+    assert (tmp_path / f"{folder.name}.earlier-1" / "notes.txt").read_text() == "mine"
+
+
+def test_records_that_are_not_what_was_written_are_refused(tmp_path):
+    folder = trial(tmp_path)
+    records.write_state(folder, state() | {"checksums": checksums.of(folder, [records.EVALUATIONS])})
+    assert len(records.load(tmp_path)) == 2
+    with (folder / records.EVALUATIONS).open("ab") as file:
+        file.write(b"{}\n")
+    with pytest.raises(ValueError, match="evaluations.jsonl is damaged"):
+        records.load(tmp_path)
 
 
 def test_means_count_the_plane_error_modulo_half_a_turn():

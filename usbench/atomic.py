@@ -1,16 +1,22 @@
 """Files that are there whole or not at all, whatever happens while they are written."""
 
 import contextlib
+import glob
 import os
 import tempfile
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import IO
+
+# A killed writer's file; nobody writes one for as long.
+_LEFT_BEHIND_S = 3600.0
 
 
 @contextlib.contextmanager
 def atomic_path(path: Path) -> Iterator[Path]:
     """Yield a name to write to; what was written appears at `path` whole or not at all, whatever happens."""
+    remove_leftovers(path.parent, f".{glob.escape(path.name)}.*.part", _LEFT_BEHIND_S)
     descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
     os.close(descriptor)
     temporary = Path(name)
@@ -31,6 +37,14 @@ def atomic_file(path: Path) -> Iterator[IO[bytes]]:
     """Open a file for writing that appears at `path` whole or not at all."""
     with atomic_path(path) as temporary, temporary.open("wb") as file:
         yield file
+
+
+def remove_leftovers(folder: Path, pattern: str = ".*.part", older_s: float = 0.0) -> None:
+    """Remove what killed writers left in `folder`, except what changed in the last `older_s` seconds."""
+    for path in folder.glob(pattern):
+        with contextlib.suppress(OSError):
+            if time.time() - path.stat().st_mtime >= older_s:
+                path.unlink()
 
 
 def _umask() -> int:

@@ -41,8 +41,28 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
         self._report = report
         self.n_steps = 0
 
+    def state(self) -> dict[str, Any]:
+        """Return how the environment came to where it is, enough for `put_back`."""
+        return {"origin": self._origin, "actions": list(self._actions), "n_steps": self.n_steps}
+
+    def put_back(self, state: dict[str, Any]) -> Any:
+        """Start the episode of `state` again and play its actions; return the last observation.
+
+        Whatever wrappers there are, they end as they were, generators included.
+        """
+        if isinstance(state["origin"], int):
+            observation, _ = self.reset(seed=state["origin"])
+        else:
+            self.unwrapped.np_random.bit_generator.state = state["origin"]
+            observation, _ = self.reset()
+        for action in state["actions"]:
+            observation, *_ = self.step(action)
+        self.n_steps = state["n_steps"]
+        return observation
+
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
         """Start an episode."""
+        self._origin = self.unwrapped.np_random.bit_generator.state if seed is None else seed
         observation, info = self.env.reset(seed=seed, options=options)
         self._start = {f"start_{key}": int(info[key]) for key in POSE_KEYS}
         self._return = 0.0

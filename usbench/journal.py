@@ -1,9 +1,13 @@
 """Files of JSON lines that only grow: a crash can tear nothing but the last line, which is passed over."""
 
+import hashlib
 import json
+import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Self
+
+Mark = dict[str, int | str]
 
 
 class Journal:
@@ -11,7 +15,9 @@ class Journal:
 
     def __init__(self, path: Path) -> None:
         """Open `path` for appending."""
-        self._file = path.open("a", encoding="utf-8")
+        self._path = path
+        self._file = path.open("ab")
+        self._begin(path.read_bytes())
 
     def append(self, rows: Iterable[Mapping[str, Any]]) -> None:
         """Add one line per row.
@@ -19,16 +25,50 @@ class Journal:
         Raises:
             ValueError: If a row holds a number that is not finite.
         """
-        self._file.write("".join(json.dumps(row, allow_nan=False) + "\n" for row in rows))
+        lines = "".join(json.dumps(row, allow_nan=False) + "\n" for row in rows).encode()
+        self._file.write(lines)
         self._file.flush()
+        self._size += len(lines)
+        self._digest.update(lines)
+
+    def mark(self) -> Mark:
+        """Return what stands here, as length and checksum, once it is safe on the disk."""
+        os.fsync(self._file.fileno())
+        return {"bytes": self._size, "sha256": self._digest.hexdigest()}
+
+    def cut(self, mark: Mark) -> None:
+        """Take away what was added after `mark`.
+
+        Raises:
+            ValueError: If what stands before it is not what stood there.
+        """
+        kept = kept_at(self._path, mark)
+        self._file.truncate(len(kept))
+        self._begin(kept)
+
+    def _begin(self, content: bytes) -> None:
+        self._size, self._digest = len(content), hashlib.sha256(content)
 
     def __enter__(self) -> Self:
         """Return the open journal."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Close the file."""
-        self._file.close()
+        """Close the file, whole on the disk."""
+        with self._file:
+            os.fsync(self._file.fileno())
+
+
+def kept_at(path: Path, mark: Mark) -> bytes:
+    """Return what stood in the journal at `mark`.
+
+    Raises:
+        ValueError: If it does not stand there any more.
+    """
+    content = path.read_bytes()[: int(mark["bytes"])] if path.exists() else b""
+    if hashlib.sha256(content).hexdigest() != mark["sha256"]:
+        raise ValueError(f"{path} is not what its trial wrote: its first {mark['bytes']} bytes differ.")
+    return content
 
 
 def read_rows(path: Path) -> list[dict[str, Any]]:

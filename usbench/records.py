@@ -2,12 +2,13 @@
 
 A trial folder holds `trial.json` (resolved configuration, versions, hash of the frames, status, anchors),
 `episodes.jsonl` (one line per training episode), `evaluations.jsonl` (one line per evaluation episode),
-`model.zip` and TensorBoard events. Nothing here imports torch.
+`model.zip` and TensorBoard events; while it runs, `checkpoints` too. Nothing here imports torch.
 """
 
 import hashlib
 import json
 import re
+import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -16,12 +17,14 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 
+from usbench import checksums
 from usbench.atomic import atomic_file
 from usbench.journal import read_rows
 
 SCHEMA = 1
 STATUSES = ("running", "interrupted", "failed", "finished")
 TRIAL, EPISODES, EVALUATIONS, MODEL = "trial.json", "episodes.jsonl", "evaluations.jsonl", "model.zip"
+TENSORBOARD, CHECKPOINTS = "tensorboard", "checkpoints"
 _EARLIER = re.compile(r"\.earlier-\d+$")
 
 
@@ -119,7 +122,7 @@ class Evaluation(Episode):
 
 
 def create(out: Path, config: TrialConfig) -> Path:
-    """Make an empty trial folder and return its path; an earlier folder of that name is kept beside it.
+    """Make an empty trial folder and return its path; an earlier one with episodes is kept beside it.
 
     Raises:
         ConfigurationError: If the folder cannot be made or written.
@@ -127,19 +130,36 @@ def create(out: Path, config: TrialConfig) -> Path:
     folder = out / config.folder_name
     try:
         out.mkdir(parents=True, exist_ok=True)
-        if folder.exists():
+        if folder.exists() and not _is_empty(folder):
             number = 1
             while (earlier := folder.with_name(f"{folder.name}.earlier-{number}")).exists():
                 number += 1
             folder.rename(earlier)
-        folder.mkdir()
+        folder.mkdir(exist_ok=True)
         with atomic_file(folder / TRIAL) as file:
             file.write(b"{}\n")
     except OSError as error:
-        raise ConfigurationError(
-            f"the output folder {str(out)!r} cannot be written ({error.strerror}): choose another with --out."
-        ) from error
+        raise unwritable(out, error) from error
     return folder
+
+
+def unwritable(out: Path, error: OSError) -> ConfigurationError:
+    """Return the error for an output folder that cannot be written."""
+    return ConfigurationError(
+        f"the output folder {str(out)!r} cannot be written ({error.strerror}): choose another with --out."
+    )
+
+
+def _is_empty(folder: Path) -> bool:
+    """Return whether a trial ended in `folder` before its first episode; what it left is removed then."""
+    sizes = {path.name: path.stat().st_size for path in folder.iterdir()}
+    made = {TRIAL, EPISODES, EVALUATIONS, MODEL, TENSORBOARD, CHECKPOINTS}
+    if not sizes.keys() <= made or sizes.get(EPISODES):
+        return False
+    for name in sizes:
+        path = folder / name
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
+    return True
 
 
 def write_state(folder: Path, state: Mapping[str, Any]) -> None:
@@ -203,6 +223,7 @@ def load(
     parts = []
     for folder in trial_folders(Path(runs)):
         state = read_state(folder)
+        checksums.check(folder, state.get("checksums", {}))
         rows = pd.DataFrame(read_rows(folder / files[table]))
         if rows.empty or "config" not in state:
             continue

@@ -1,9 +1,9 @@
 """One trial = (algorithm, task, noise, seed): prepare frames, train, evaluate, record."""
 
 import contextlib
+import logging
 import platform
-import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -13,34 +13,26 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import torch
-from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.logger import configure
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from usbench import records, suite
-from usbench.agents import zoo
-from usbench.agents.hyperparameters import check_seed, unknown
-from usbench.atomic import atomic_path
+from usbench import checksums, records, suite
+from usbench.atomic import atomic_path, remove_leftovers
+from usbench.checkpoints import Checkpoints, interval
+from usbench.configuration import PACKAGES, resolve
 from usbench.envs import oracle
 from usbench.envs.frames import frame_store
-from usbench.envs.guidance import check_noise
-from usbench.envs.pose import whole_number
-from usbench.evaluation import Evaluator, Recorder
+from usbench.evaluation import Evaluator
 from usbench.journal import Journal
-from usbench.records import ConfigurationError, TrialConfig
-from usbench.training import Progress, Silent, TrainingWatch
+from usbench.learning import Learning, machine, make_agent
+from usbench.lock import locked
+from usbench.records import TrialConfig
+from usbench.stopwatch import Stopwatch
+from usbench.training import Progress, Silent
 
-PACKAGES = (
-    "usbench",
-    "gymnasium",
-    "stable-baselines3",
-    "sb3-contrib",
-    "torch",
-    "numpy",
-    "scipy",
-    "numba",
-    "opencv-python-headless",
-)
+__all__ = ["PACKAGES", "Result", "TrialError", "prepare_frames", "resolve", "run_trial"]
+
+log = logging.getLogger(__name__)
+
 # Rows of the final table: what it is called there and the agent that plays it.
 REFERENCES = {"random": "random", "optimal": "oracle"}
 
@@ -57,47 +49,6 @@ class Result:
     skipped: bool
 
 
-def resolve(
-    algo: str,
-    task: str,
-    *,
-    noise: float = 0.0,
-    seed: int = 0,
-    steps: int | None = None,
-    preset: str | None = None,
-    overrides: Mapping[str, Any] | None = None,
-) -> TrialConfig:
-    """Return the full configuration of a trial: every default filled in, every value checked.
-
-    Raises:
-        ConfigurationError: If a name is unknown or a value is not allowed; one sentence says which.
-    """
-    try:
-        if task not in suite.TASKS:
-            raise unknown("task", task, suite.TASKS)
-        hyperparameters = zoo.hyperparameters(algo, task, preset=preset, overrides=overrides or {})
-        noise = check_noise(noise)
-        seed = check_seed(seed)
-        steps = whole_number("steps", suite.TASKS[task].steps if steps is None else steps)
-        if steps < 1:
-            raise ValueError(f"steps must be a whole number of at least 1, not {steps}.")
-    except (ValueError, TypeError) as error:
-        raise ConfigurationError(str(error)) from error
-    plain = suite.make_env(task, noise).unwrapped
-    return TrialConfig(
-        task=task,
-        algo=algo,
-        noise=noise,
-        seed=seed,
-        steps=steps if zoo.entry(algo).learns else 0,
-        hyperparameters=hyperparameters,
-        environment={
-            "id": suite.TASKS[task].env_id,
-            **{name: asdict(getattr(plain, name)) for name in ("phantom", "probe", "imaging")},
-        },
-    )
-
-
 def prepare_frames(task: str, report: Callable[[int, int], None] | None = None) -> dict[str, Any]:
     """Simulate the frames of every pose that the task can reach, unless kept; return what identifies them."""
     plain: Any = suite.make_env(task).unwrapped
@@ -110,31 +61,58 @@ def prepare_frames(task: str, report: Callable[[int, int], None] | None = None) 
 def run_trial(
     config: TrialConfig, out: Path, *, overwrite: bool = False, progress: Progress | None = None
 ) -> Result:
-    """Run one trial and leave its records in `out`; a finished one is not run again unless `overwrite`.
+    """Run one trial and leave its records in `out`; one that was ended goes on from its last checkpoint.
+
+    A finished one is not run again unless `overwrite`; one that another process runs is waited for.
 
     Raises:
         ConfigurationError: If `out` cannot be written.
         KeyboardInterrupt: After the state was kept; the status is then "interrupted".
         TrialError: If anything goes wrong while running; the status is then "failed" with the reason.
+        ValueError: If the records of the trial in `out` are damaged.
     """
     folder = out / config.folder_name
-    if not overwrite and records.read_state(folder).get("status") == "finished":
+    seconds = interval()
+    if not overwrite and _is_finished(folder):
         return Result(folder, skipped=True)
-    # One thread per trial: as fast on frames of this size, and the bits do not depend on the machine.
-    torch.set_num_threads(1)
-    trial = _Trial(config, records.create(out, config), progress or Silent())
-    trial.run()
-    return Result(trial.folder, skipped=False)
+    with contextlib.ExitStack() as held:
+        try:
+            held.enter_context(locked(folder))
+        except OSError as error:
+            raise records.unwritable(out, error) from error
+        # Again: another process may have finished it meanwhile.
+        if not overwrite and _is_finished(folder):
+            return Result(folder, skipped=True)
+        # One thread per trial: as fast on frames of this size, and the bits do not depend on the machine.
+        torch.set_num_threads(1)
+        trial = _Trial(config, out, Checkpoints(folder, seconds), progress or Silent())
+        trial.run(anew=overwrite)
+    return Result(folder, skipped=False)
+
+
+def _is_finished(folder: Path) -> bool:
+    """Return whether a trial is finished, its records whole; what it needs no more is removed.
+
+    Raises:
+        ValueError: If its records are damaged.
+    """
+    state = records.read_state(folder)
+    if state.get("status") != "finished":
+        return False
+    checksums.check(folder, state.get("checksums", {}))
+    Checkpoints(folder, 0.0).clear()
+    return True
 
 
 class _Trial:
     """A trial while it runs: its folder, its models and the state that `trial.json` shows."""
 
-    def __init__(self, config: TrialConfig, folder: Path, progress: Progress) -> None:
-        self.config, self.folder, self.progress = config, folder, progress
+    def __init__(self, config: TrialConfig, out: Path, checkpoints: Checkpoints, progress: Progress) -> None:
+        self.config, self.out, self.folder = config, out, out / config.folder_name
+        self.checkpoints, self.progress = checkpoints, progress
         self.anchors = oracle.returns(config.task, config.noise)
         self.agent: Any = None
-        self.timings: dict[str, float] = {}
+        self.stopwatch = Stopwatch()
         self.state: dict[str, Any] = {
             "status": "running",
             "reason": None,
@@ -145,22 +123,28 @@ class _Trial:
             "versions": {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
             "platform": platform.platform(),
             "started": datetime.now(UTC).isoformat(timespec="seconds"),
-            "timings": self.timings,
         }
 
     def score(self, mean_return: float) -> float:
         """Return the normalised score: 0 is a random hand, 1 is perfect."""
         return (mean_return - self.anchors.random) / (self.anchors.optimal - self.anchors.random)
 
-    def run(self) -> None:
+    def run(self, *, anew: bool) -> None:
         """Do everything, and leave the true status behind whatever happens."""
+        goes_on = not anew and bool(self.checkpoints.paths())
+        remove_leftovers(self.folder)
+        if goes_on:
+            self.state["started"] = records.read_state(self.folder).get("started", self.state["started"])
+        else:
+            self._create()
         try:
             self._write()
-            with self._timed("total_s"):
+            with self.stopwatch.timed("total_s"):
                 self._frames()
-                self._train_and_evaluate()
+                self._train_and_evaluate(goes_on)
                 self.state["references"] = {name: self._reference(algo) for name, algo in REFERENCES.items()}
             self._save_model()
+            self.state["checksums"] = checksums.of(self.folder, (records.EPISODES, records.EVALUATIONS))
             self._write("finished")
         except KeyboardInterrupt:
             self._give_up("interrupted", "stopped by the user")
@@ -169,76 +153,73 @@ class _Trial:
             reason = f"{type(error).__name__}: {' '.join(str(error).split())}"
             self._give_up("failed", reason)
             raise TrialError(f"the trial in {str(self.folder)!r} failed: {reason}") from error
+        self.checkpoints.clear()
+
+    def _create(self) -> None:
+        if records.read_state(self.folder).get("status", "finished") != "finished":
+            log.warning("no checkpoint of the trial %s is of use: it starts from step 0", self.folder.name)
+        records.create(self.out, self.config)
 
     def _frames(self) -> None:
-        with self._timed("frames_s"):
+        with self.stopwatch.timed("frames_s"):
             self.state["frames"] = prepare_frames(self.config.task, self.progress.frames)
         self._write()
 
-    def _train_and_evaluate(self) -> None:
+    def _train_and_evaluate(self, goes_on: bool) -> None:
         """Train for exactly the budget; every episode and every checkpoint goes into the journals."""
-        config, folder = self.config, self.folder
+        self.evaluator = Evaluator(self.config.task, self.config.noise, self.config.n_frames)
+        for path, checkpoint in self.checkpoints.read() if goes_on else ():
+            with self._journals() as journals:
+                learning = self._learning(journals)
+                try:
+                    learning.put_back(checkpoint)
+                except Exception as error:  # whatever a stranger's checkpoint says
+                    log.warning("checkpoint %s is passed over: %s", path, " ".join(str(error).split()))
+                    continue
+                self.checkpoints.go_on_from(path)
+                self._learn(learning)
+                return
+        if goes_on:
+            self._create()
+            self._write()
+        with self._journals() as journals:
+            self._learn(self._learning(journals))
+
+    @contextlib.contextmanager
+    def _journals(self) -> Iterator[tuple[Journal, Journal]]:
         with (
-            Journal(folder / records.EPISODES) as episodes,
-            Journal(folder / records.EVALUATIONS) as evaluations,
+            Journal(self.folder / records.EPISODES) as episodes,
+            Journal(self.folder / records.EVALUATIONS) as evaluations,
         ):
-            self.evaluator = Evaluator(config.task, config.noise, config.n_frames)
-            watch = TrainingWatch(
-                steps=config.steps,
-                checkpoints=self.state["checkpoints"],
-                evaluator=self.evaluator,
-                score=self.score,
-                episodes=episodes,
-                evaluations=evaluations,
-                progress=self.progress,
-            )
-            env = suite.make_env(config.task, config.noise, n_frames=config.n_frames)
-            recorder = Recorder(env, watch.on_episode)
-            vec_env = DummyVecEnv([lambda: recorder])
-            env_seed, agent_seed, _ = np.random.SeedSequence(config.seed).spawn(3)
-            self.agent = self._make(config.algo, vec_env, agent_seed, config.hyperparameters)
-            # After the agent was made: SB3 hands its own seed to the environment there.
-            vec_env.seed(int(env_seed.generate_state(1)[0]))
-            if config.steps:
-                with self._timed("training_s"):
-                    self._learn(watch, recorder)
-                self.timings["training_s"] -= watch.seconds
-            watch.evaluate_due(self.agent)
-            self.timings["evaluation_s"] = watch.seconds
-            vec_env.close()
+            yield episodes, evaluations
 
-    def _learn(self, watch: TrainingWatch, recorder: Recorder) -> None:
-        """Let the agent learn; one that is not Stable-Baselines3's is watched from outside.
+    def _learning(self, journals: tuple[Journal, Journal]) -> Learning:
+        return Learning(
+            self.config,
+            evaluator=self.evaluator,
+            planned=self.state["checkpoints"],
+            score=self.score,
+            progress=self.progress,
+            journals=journals,
+            checkpoints=self.checkpoints,
+            stopwatch=self.stopwatch,
+            machine={"versions": self.state["versions"], "frames": self.state["frames"], **machine()},
+        )
 
-        Raises:
-            ValueError: If such an agent did not make exactly the steps that it was told.
-        """
-        steps = self.config.steps
-        if isinstance(self.agent, BaseAlgorithm):
-            self.agent.set_logger(configure(str(self.folder / "tensorboard"), ["tensorboard"]))
-            self.agent.learn(steps, callback=watch)
-            return
-        watch.from_outside(self.agent)
-        self.agent.learn(steps)
-        if recorder.n_steps != steps:
-            raise ValueError(f"{self.config.algo} made {recorder.n_steps} training steps instead of {steps}.")
-        watch.num_timesteps = steps
-
-    def _make(
-        self, algo: str, env: Any, seed: np.random.SeedSequence, hyperparameters: Mapping[str, Any]
-    ) -> Any:
-        """Make an agent; the one that sees the state is given the exact plan."""
-        # On the CPU even where there is a GPU: same seed, same bits everywhere.
-        model_class = zoo.model_class(algo)
-        kwargs: dict[str, Any] = {"device": "cpu"} if issubclass(model_class, BaseAlgorithm) else {}
-        if getattr(model_class, "sees_state", False):
-            kwargs["policy"] = oracle.policy(self.config.task, self.config.noise)
-        return zoo.make(algo, env, int(seed.generate_state(1)[0]), hyperparameters, **kwargs)
+    def _learn(self, learning: Learning) -> None:
+        self.agent, watch = learning.agent, learning.watch
+        if self.config.steps:
+            with self.stopwatch.timed("training_s"):
+                learning.learn(self.folder / records.TENSORBOARD)
+            self.stopwatch.add({"training_s": -watch.seconds})
+        watch.evaluate_due(self.agent)
+        self.stopwatch.add({"evaluation_s": watch.seconds})
 
     def _reference(self, algo: str) -> dict[str, float]:
         """Play the evaluation episodes with an agent that does not learn; return the means."""
         env = suite.make_env(self.config.task, self.config.noise)
-        agent = self._make(algo, DummyVecEnv([lambda: env]), np.random.SeedSequence(0), {})
+        seed = np.random.SeedSequence(0)
+        agent = make_agent(self.config, algo, DummyVecEnv([lambda: env]), seed, {})
         played = self.evaluator.play(agent, checkpoint=0, step=0, deterministic=False)
         return records.means(pd.DataFrame([episode.as_row() for episode in played]))
 
@@ -258,14 +239,5 @@ class _Trial:
                 self._save_model()
 
     def _write(self, status: str = "running") -> None:
-        self.state["status"] = status
+        self.state |= {"status": status, "timings": self.stopwatch.seconds()}
         records.write_state(self.folder, self.state)
-
-    @contextlib.contextmanager
-    def _timed(self, name: str) -> Iterator[None]:
-        """Add the seconds that pass to the timing `name`."""
-        start = time.perf_counter()
-        try:
-            yield
-        finally:
-            self.timings[name] = self.timings.get(name, 0.0) + time.perf_counter() - start

@@ -63,16 +63,37 @@ class TrainingWatch(BaseCallback):
         episodes: Journal,
         evaluations: Journal,
         progress: Progress,
+        boundary: Callable[[bool], None] = lambda at_end: None,
     ) -> None:
-        """Watch a training of `steps` steps; `score` turns a mean return into a normalised score."""
+        """Watch a training of `steps` steps; `score` turns a mean return into a normalised score.
+
+        `boundary` is called before every rollout of an SB3 agent, with False, and after the last, with True.
+        """
         super().__init__()
         self.seconds = 0.0
         self._steps, self._due = steps, list(checkpoints)
         self._evaluator, self._score, self._progress = evaluator, score, progress
         self._episodes, self._evaluations = episodes, evaluations
+        self._boundary = boundary
         self._count, self._recorded_steps = 0, 0
         self._recent: deque[float] = deque(maxlen=RECENT_EPISODES)
         self._unaware: Any = None
+
+    def state(self) -> dict[str, Any]:
+        """Return what it counts, as plain data; what it journals is kept by the journals."""
+        return {
+            "due": list(self._due),
+            "count": self._count,
+            "recorded_steps": self._recorded_steps,
+            "recent": list(self._recent),
+            "seconds": self.seconds,
+        }
+
+    def put_back(self, state: dict[str, Any]) -> None:
+        """Go on counting from what `state` gave."""
+        self._due, self.seconds = state["due"], state["seconds"]
+        self._count, self._recorded_steps = state["count"], state["recorded_steps"]
+        self._recent.extend(state["recent"])
 
     def on_episode(self, facts: dict[str, Any]) -> None:
         """Journal one training episode."""
@@ -119,6 +140,10 @@ class TrainingWatch(BaseCallback):
 
     def _on_rollout_start(self) -> None:
         self.evaluate_due(self.model)
+        self._boundary(False)
+
+    def _on_training_end(self) -> None:
+        self._boundary(True)
 
     def _tell(self) -> None:
         if self._recent:

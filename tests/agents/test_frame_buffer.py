@@ -64,3 +64,22 @@ def test_pickled_buffer_goes_on_with_the_same_frames():
         filled(one, 10)
     np.testing.assert_array_equal(sampled(buffer).observations, sampled(again).observations)
     assert len(again._numbers) == 6
+
+
+@pytest.mark.parametrize("n", [0, 30, 70])
+def test_buffer_put_back_from_its_state_goes_on_as_it_did(n):
+    buffer = filled(FrameReplayBuffer(50, STACKS, ACTIONS, "cpu"), n)
+    again = FrameReplayBuffer(50, STACKS, ACTIONS, "cpu")
+    again.put_back(buffer.state())
+    for one in (buffer, again):
+        filled(one, 10)
+    assert (buffer.pos, buffer.full) == (again.pos, again.full)
+    for one, other in zip(sampled(buffer)[:5], sampled(again)[:5], strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert buffer._numbers == again._numbers
+
+
+def test_state_of_a_larger_buffer_is_refused():
+    state = filled(FrameReplayBuffer(50, STACKS, ACTIONS, "cpu"), 40).state()
+    with pytest.raises(ValueError):
+        FrameReplayBuffer(20, STACKS, ACTIONS, "cpu").put_back(state)

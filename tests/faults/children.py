@@ -1,0 +1,105 @@
+"""What the processes do that are killed here: they begin within milliseconds, and their trials are quick."""
+
+import contextlib
+import functools
+import multiprocessing
+import os
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+import sweep_worker
+
+from usbench import checkpoints, cli, records, runner, sweep
+
+# Forked from a process that has imported everything; spawned ones would spend their short lives on that.
+CONTEXT = multiprocessing.get_context("forkserver")
+CONTEXT.set_forkserver_preload(
+    ["usbench.learning", "usbench.agents.vpg", "sb3_contrib", "torch.utils.tensorboard"]
+)
+
+
+def start(what, *arguments, seconds=0.0):
+    process = CONTEXT.Process(target=_begin, args=(seconds, what, *arguments))
+    process.start()
+    return process
+
+
+def finish(what, *arguments, **settings):
+    """Run a process to its end; return its exit status."""
+    process = start(what, *arguments, **settings)
+    process.join(300)
+    return process.exitcode
+
+
+def _begin(seconds, what, *arguments):
+    # A session of its own, so that all of it can be killed at once.
+    os.setsid()
+    os.environ[checkpoints.INTERVAL] = str(seconds)
+    os.environ["USBENCH_THREADS"] = "1"
+    sweep_worker.quick()
+    what(*arguments)
+
+
+def trial(config, out):
+    runner.run_trial(config, out)
+
+
+def told(config, out, path):
+    """Run a trial and write to `path` how it ended."""
+    try:
+        runner.run_trial(config, out)
+    except Exception as error:
+        path.write_text(f"{type(error).__name__}: {error}")
+    else:
+        path.write_text("finished")
+
+
+def command(*argv):
+    sys.exit(cli.main(argv))
+
+
+class Silent:
+    def __getattr__(self, _):
+        return lambda *_: None
+
+
+def many(configs, out, jobs):
+    executor = functools.partial(sweep.processes, sweep_worker.quick)
+    outcomes = sweep.run(configs, out, Silent(), jobs=jobs, executor=executor)
+    assert all(outcome.reason is None for outcome in outcomes), outcomes
+
+
+def measured(configs, out, path):
+    """Run trials one after another; write the memory held (MB) after every episode and every trial."""
+    sizes = []
+
+    class Measure(Silent):
+        def training(self, *_):
+            sizes.append(_resident_mb())
+
+    for config in configs:
+        runner.run_trial(config, out, progress=Measure())
+        if len(configs) > 1:
+            sizes.append(_resident_mb())
+    path.write_text(" ".join(map(str, sizes)))
+
+
+def _resident_mb():
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def workers(pid):
+    """The processes that a process has started."""
+    found = []
+    for status in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):
+            # The name, in brackets, may hold anything.
+            if int(status.read_text().rpartition(")")[2].split()[1]) == pid:
+                found.append(int(status.parent.name))
+    return found
+
+
+def is_begun(folder):
+    path = folder / records.EPISODES
+    return path.exists() and path.stat().st_size > 0

@@ -1,0 +1,24 @@
+"""Checksums of records, so that what was damaged after a trial is not taken for what it wrote."""
+
+import hashlib
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+
+def of(folder: Path, names: Iterable[str]) -> dict[str, str]:
+    """Return the SHA-256 of the files `names` in `folder`."""
+    return {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in names}
+
+
+def check(folder: Path, expected: Mapping[str, str]) -> None:
+    """Check that the files in `folder` are those of which `of` gave `expected`.
+
+    Raises:
+        ValueError: If one is not.
+    """
+    for name, checksum in expected.items():
+        if not (folder / name).exists() or of(folder, [name])[name] != checksum:
+            raise ValueError(
+                f"{folder / name} is damaged, it is not what its trial wrote: bring it back, or remove the "
+                f"folder {folder.name} to run the trial again."
+            )

@@ -1,0 +1,66 @@
+"""From what a user asks for to the full configuration of a trial, checked."""
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+from usbench import suite
+from usbench.agents import zoo
+from usbench.agents.hyperparameters import check_seed, unknown
+from usbench.envs.guidance import check_noise
+from usbench.envs.pose import whole_number
+from usbench.records import ConfigurationError, TrialConfig
+
+# What is recorded with a trial, since its bits depend on them.
+PACKAGES = (
+    "usbench",
+    "gymnasium",
+    "stable-baselines3",
+    "sb3-contrib",
+    "torch",
+    "numpy",
+    "scipy",
+    "numba",
+    "opencv-python-headless",
+)
+
+
+def resolve(
+    algo: str,
+    task: str,
+    *,
+    noise: float = 0.0,
+    seed: int = 0,
+    steps: int | None = None,
+    preset: str | None = None,
+    overrides: Mapping[str, Any] | None = None,
+) -> TrialConfig:
+    """Return the full configuration of a trial: every default filled in, every value checked.
+
+    Raises:
+        ConfigurationError: If a name is unknown or a value is not allowed; one sentence says which.
+    """
+    try:
+        if task not in suite.TASKS:
+            raise unknown("task", task, suite.TASKS)
+        hyperparameters = zoo.hyperparameters(algo, task, preset=preset, overrides=overrides or {})
+        noise = check_noise(noise)
+        seed = check_seed(seed)
+        steps = whole_number("steps", suite.TASKS[task].steps if steps is None else steps)
+        if steps < 1:
+            raise ValueError(f"steps must be a whole number of at least 1, not {steps}.")
+    except (ValueError, TypeError) as error:
+        raise ConfigurationError(str(error)) from error
+    plain = suite.make_env(task, noise).unwrapped
+    return TrialConfig(
+        task=task,
+        algo=algo,
+        noise=noise,
+        seed=seed,
+        steps=steps if zoo.entry(algo).learns else 0,
+        hyperparameters=hyperparameters,
+        environment={
+            "id": suite.TASKS[task].env_id,
+            **{name: asdict(getattr(plain, name)) for name in ("phantom", "probe", "imaging")},
+        },
+    )

@@ -1,0 +1,36 @@
+"""How long the parts of a trial take, also over several starts."""
+
+import contextlib
+import time
+from collections.abc import Iterator, Mapping
+
+
+class Stopwatch:
+    """Seconds by name; what runs now counts up to now."""
+
+    def __init__(self) -> None:
+        """Start with no seconds of anything."""
+        self._seconds: dict[str, float] = {}
+        self._since: dict[str, float] = {}
+
+    @contextlib.contextmanager
+    def timed(self, name: str) -> Iterator[None]:
+        """Add the seconds that pass to `name`."""
+        self._since[name] = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.add({name: time.perf_counter() - self._since.pop(name)})
+
+    def add(self, seconds: Mapping[str, float]) -> None:
+        """Add seconds that were counted elsewhere."""
+        for name, value in seconds.items():
+            self._seconds[name] = self._seconds.get(name, 0.0) + value
+
+    def seconds(self) -> dict[str, float]:
+        """Return the seconds so far."""
+        now = time.perf_counter()
+        running = {name: now - since for name, since in self._since.items()}
+        return {
+            name: self._seconds.get(name, 0.0) + running.get(name, 0.0) for name in self._seconds | running
+        }
