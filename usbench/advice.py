@@ -54,19 +54,18 @@ class Adviser:
     def advise(self, observation: Any, info: dict[str, Any], step: int) -> Advice:
         """Return the advice after `step` steps; `info` is for agents alone that see the state."""
         policy = self._policy
+        if not isinstance(policy, BasePolicy):
+            return self._certain(observation, info, step)
+        seen: Any = policy.obs_to_tensor(observation[np.newaxis])[0]
         if isinstance(policy, RecurrentActorCriticPolicy):
             first = torch.tensor([float(step == 0)])
-            seen, _ = policy.obs_to_tensor(observation[np.newaxis])
             distribution, self._memory = policy.get_distribution(seen, self._memory, first)
-            return Advice(_numbers(distribution.distribution.probs))
+            return Advice(_probabilities(distribution))
         if isinstance(policy, ActorCriticPolicy):
-            seen, _ = policy.obs_to_tensor(observation[np.newaxis])
-            return Advice(_numbers(policy.get_distribution(seen).distribution.probs))  # type: ignore[attr-defined]
+            return Advice(_probabilities(policy.get_distribution(seen)))
         if isinstance(policy, DQNPolicy):
-            seen, _ = policy.obs_to_tensor(observation[np.newaxis])
             return Advice(_numbers(policy.q_net(seen)), "value")
         if isinstance(policy, QRDQNPolicy):
-            seen, _ = policy.obs_to_tensor(observation[np.newaxis])
             return Advice(_numbers(policy.quantile_net(seen).mean(dim=1)), "value")
         return self._certain(observation, info, step)
 
@@ -82,6 +81,10 @@ class Adviser:
             seen, state=self._memory, episode_start=np.array([step == 0]), deterministic=True
         )
         return Advice(tuple(float(action == int(actions[0])) for action in range(n_actions)))
+
+
+def _probabilities(distribution: Any) -> tuple[float, ...]:
+    return _numbers(distribution.distribution.probs)
 
 
 def _numbers(row: torch.Tensor) -> tuple[float, ...]:

@@ -33,7 +33,7 @@ def begin(logger: Logger) -> None:
     """Lay out the chart of scores."""
     for output in logger.output_formats:
         if isinstance(output, TensorBoardOutputFormat) and output.writer is not None:
-            output.writer.add_custom_scalars(LAYOUT)  # type: ignore[no-untyped-call]
+            output.writer.add_custom_scalars(LAYOUT)
 
 
 def trained(logger: Logger, score: float) -> None:

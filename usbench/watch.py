@@ -140,7 +140,7 @@ def table(moments: Iterator[Moment], names: Sequence[str]) -> str:
         }
         for moment in moments
     ]
-    return pd.DataFrame(rows).to_string(index=False)
+    return str(pd.DataFrame(rows).to_string(index=False))
 
 
 def screen(moment: Moment, steps: int, names: Sequence[str], console: Console) -> Text:
