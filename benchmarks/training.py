@@ -44,10 +44,12 @@ def make(program: str, algo: str, task: str) -> Any:
 
     from usbench import suite
     from usbench.agents import zoo
+    from usbench.memory import keep_freed
 
     hyperparameters = zoo.hyperparameters(algo, task)
     if program == "here":
         torch.set_num_threads(1)
+        keep_freed()
         env = DummyVecEnv([lambda: suite.make_env(task)])
         return zoo.make(algo, env, 0, hyperparameters, device="cpu")
     if algo == "vpg":

@@ -25,6 +25,7 @@ from usbench.evaluation import Evaluator
 from usbench.journal import Journal
 from usbench.learning import Learning, machine, make_agent
 from usbench.lock import locked
+from usbench.memory import keep_freed
 from usbench.records import TrialConfig
 from usbench.stopwatch import Stopwatch
 from usbench.training import Progress, Silent
@@ -85,6 +86,7 @@ def run_trial(
             return Result(folder, skipped=True)
         # One thread per trial: as fast on frames of this size, and the bits do not depend on the machine.
         torch.set_num_threads(1)
+        keep_freed()
         trial = _Trial(config, out, Checkpoints(folder, seconds), progress or Silent())
         trial.run(anew=overwrite)
     return Result(folder, skipped=False)
