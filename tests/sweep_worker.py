@@ -3,6 +3,7 @@
 import importlib.util
 import os
 import signal
+import time
 from pathlib import Path
 
 import pytest
@@ -29,9 +30,32 @@ def dying():
 
     run = runner.run_trial
 
-    def run_or_die(config, out):
+    def run_or_die(config, out, **more):
         if config.algo == "stay":
             os.kill(os.getpid(), signal.SIGKILL)
-        return run(config, out)
+        return run(config, out, **more)
 
     runner.run_trial = run_or_die
+
+
+def dask_setup(worker):
+    """Prepare a worker of a Dask cluster, also one that is started in place of another."""
+    quick()
+
+
+def busy(dask_worker):
+    """How many trials run on a worker of a Dask cluster now."""
+    return len(dask_worker.active_threads)
+
+
+def dawdle_once(mark, config, out, progress):
+    """Run a trial; one of vpg dawdles the first time, until its process is killed or nobody waits for it."""
+    from usbench import sweep
+
+    if config.algo != "vpg" or mark.exists():
+        return sweep.work(config, out)
+    mark.write_text(str(os.getpid()))
+    for _ in range(3000):
+        time.sleep(0.1)
+        progress.frames(0, 1)
+    raise TimeoutError

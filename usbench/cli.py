@@ -33,6 +33,8 @@ COMPARE_EXAMPLES = """examples:
   usbench compare --algos vpg ppo --tasks pp --noise 0 --seeds 10 --jobs 8
   usbench compare --steps 1024 --seeds 2 --out quick --leaderboard quick/leaderboard.md
       a minute's try
+  usbench compare --cluster tcp://host:8786
+      on the workers of a Dask cluster (docs/scaling.md)
 
 What is finished is not run again, so the same command goes on after an interruption.
 """
@@ -184,6 +186,11 @@ def _add_compare(subparsers: Any, debug: argparse.ArgumentParser) -> None:
     )
     _add_leaderboard_file(compare)
     _add_sweep(compare)
+    compare.add_argument(
+        "--cluster",
+        metavar="ADDRESS",
+        help="run the trials on a Dask cluster, for example tcp://host:8786; needs usbench[dask]",
+    )
     compare.set_defaults(call=commands.compare)
 
 

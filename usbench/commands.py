@@ -40,11 +40,25 @@ def compare(args: argparse.Namespace) -> None:
     from usbench import comparison, sweep, sweep_console
     from usbench.envs.threads import n_threads
 
-    jobs = n_threads() if args.jobs is None else comparison.positive("jobs", args.jobs)
+    jobs = None if args.jobs is None else comparison.positive("jobs", args.jobs)
     planned = comparison.plan(args.algos, args.tasks, args.noise, args.seeds, args.steps)
     comparison.prepare(args.leaderboard)
     with sweep_console.SweepBars(args.quiet) as bars:
-        outcomes = sweep.run(planned, args.out, bars, jobs=jobs)
+        if args.cluster is None:
+            outcomes = sweep.run(planned, args.out, bars, jobs=jobs or n_threads())
+        else:
+            from usbench.cluster import Cluster
+
+            with Cluster(args.cluster) as workers:
+                outcomes = sweep.run(
+                    planned,
+                    args.out,
+                    bars,
+                    jobs=jobs or workers.n_workers,
+                    executor=lambda: workers,
+                    # All at once, for workers that are still to come.
+                    submitted=jobs or len(planned),
+                )
     for path in comparison.report(planned, args.out, args.leaderboard):
         print(path)
     failed = sweep_console.failures(outcomes)

@@ -11,9 +11,10 @@ import signal
 import threading
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any, NoReturn, Protocol
 
 from usbench import records, runner
@@ -61,11 +62,19 @@ def run(
     *,
     jobs: int = 1,
     executor: Callable[[], Executor] = processes,
+    submitted: int | None = None,
 ) -> list[Outcome]:
     """Run the trials that are not finished in the folder `out`, in this order, `jobs` at a time.
 
-    A trial that fails does not stop the others. Records are the same for any number of jobs. `executor` makes
-    what a trial runs on.
+    A trial that fails does not stop the others. Records are the same for any number of jobs.
+
+    Args:
+        configs: The trials.
+        out: Folder for their records.
+        progress: Who is told.
+        jobs: Trials that run at a time.
+        executor: Makes what a trial runs on.
+        submitted: Trials that are handed over at a time, where `executor` keeps a queue of its own.
 
     Returns:
         How each trial ended, those that were finished before first.
@@ -82,7 +91,7 @@ def run(
         runner.prepare_frames(task, progress.frames)
     progress.started(len(missing), len(outcomes), _expected_seconds(missing, out, jobs))
     others = set(multiprocessing.active_children())
-    slots = [executor() for _ in range(min(jobs, len(missing)))]
+    slots = [executor() for _ in range(min(submitted or jobs, len(missing)))]
     try:
         for outcome in _outcomes(missing, out, slots, executor, progress):
             progress.ended(outcome)
@@ -107,6 +116,7 @@ def _outcomes(
     """Yield how each trial ended, as they end; an executor whose worker died is replaced in `slots`."""
     queue, free = deque(configs), deque(range(len(slots)))
     running: dict[Future[str | None], tuple[TrialConfig, int]] = {}
+    ended: SimpleQueue[Future[str | None]] = SimpleQueue()
     deaths: Counter[str] = Counter()
     while queue or running:
         while queue and free:
@@ -117,28 +127,29 @@ def _outcomes(
                 slots[slot] = executor()
                 future = slots[slot].submit(work, config, out)
             running[future] = config, slot
-        for future in wait(running, return_when=FIRST_COMPLETED).done:
-            config, slot = running.pop(future)
-            free.append(slot)
-            try:
-                reason = future.result()
-            except BrokenExecutor:
-                slots[slot].shutdown(wait=False)
-                slots[slot] = executor()
-                deaths[config.folder_name] += 1
-                if deaths[config.folder_name] <= RETRIES:
-                    progress.retried(config)
-                    queue.append(config)
-                    continue
-                reason = f"its process died {RETRIES + 1} times (killed, or out of memory)"
-            yield Outcome(config, reason)
+            future.add_done_callback(ended.put)
+        future = ended.get()
+        config, slot = running.pop(future)
+        free.append(slot)
+        try:
+            reason = future.result()
+        except BrokenExecutor:
+            slots[slot].shutdown(wait=False)
+            slots[slot] = executor()
+            deaths[config.folder_name] += 1
+            if deaths[config.folder_name] <= RETRIES:
+                progress.retried(config)
+                queue.append(config)
+                continue
+            reason = f"its process died {RETRIES + 1} times (killed, or out of memory)"
+        yield Outcome(config, reason)
 
 
-def work(config: TrialConfig, out: Path) -> str | None:
-    """Run one trial on a worker; return why it failed, None if it is finished."""
+def work(config: TrialConfig, out: Path, **options: Any) -> str | None:
+    """Run one trial on a worker, with `run_trial`'s options; return why it failed, None if it is finished."""
     try:
         with _stoppable():
-            runner.run_trial(config, out)
+            runner.run_trial(config, out, **options)
     except ConfigurationError:
         raise
     except Exception as error:
