@@ -23,6 +23,7 @@ EXAMPLES = """examples:
   usbench frame --x 10 --depth 35 --angle 60
   usbench watch runs/pp-p0-vpg-s0-4bb5b115
   usbench plot runs --out figures --format svg
+  usbench report
   usbench list
   usbench cache --clear
 """
@@ -137,6 +138,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_watch(subparsers, debug)
     _add_guide(subparsers, debug)
     _add_plot(subparsers, debug)
+    _add_report(subparsers, debug)
     show = subparsers.add_parser("list", parents=[debug], help="show tasks, algorithms and their defaults")
     show.set_defaults(call=commands.show_suite)
 
@@ -328,8 +330,8 @@ def _add_guide(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         parents=[debug],
         epilog=GUIDE_EXAMPLES,
         help="move the probe yourself, in the browser, with an agent's advice",
-        description="Serve a page on which you move the probe, or watch an agent do it, with the agent's advice "
-        "and the optimum beside; needs usbench[guide]. Ctrl-C ends it.",
+        description="Serve a page on which you move the probe, or watch an agent do it, with the agent's "
+        "advice and the optimum beside; needs usbench[guide]. Ctrl-C ends it.",
     )
     guide.add_argument(
         "trial", type=Path, nargs="?", metavar="TRIAL", help="folder of a trial (default: the best in --runs)"
@@ -343,6 +345,29 @@ def _add_guide(subparsers: Any, debug: argparse.ArgumentParser) -> None:
     guide.add_argument("--port", type=_number, default=0, metavar="N", help="(default: a free one)")
     guide.add_argument("--no-browser", action="store_true", help="print the address, open nothing")
     guide.set_defaults(call=commands.guide)
+
+
+def _add_report(subparsers: Any, debug: argparse.ArgumentParser) -> None:
+    report = subparsers.add_parser(
+        "report",
+        parents=[debug],
+        help="put everything about a set of trials on one page",
+        description="Write one HTML file that works offline: leaderboard, figures, a replay and a map of the "
+        "actions for each agent and task, look-alike poses, how episodes end, configuration.",
+    )
+    report.add_argument(
+        "runs",
+        nargs="?",
+        type=Path,
+        default=Path("runs"),
+        metavar="RUNS",
+        help="folder of trials, or a single trial (default runs)",
+    )
+    report.add_argument(
+        "--out", type=Path, default=Path("report.html"), metavar="FILE", help=".html (default report.html)"
+    )
+    report.add_argument("--quiet", action="store_true", help="no progress")
+    report.set_defaults(call=commands.report)
 
 
 def _add_sweep(parser: argparse.ArgumentParser) -> None:

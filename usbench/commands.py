@@ -139,6 +139,18 @@ def guide(args: argparse.Namespace) -> None:
         guide_server.serve(session, listener, browser=not args.no_browser)
 
 
+def report(args: argparse.Namespace) -> None:
+    """Write the page of a set of trials."""
+    from usbench import report
+
+    def tell(text: str) -> None:
+        if not args.quiet:
+            print(text, file=sys.stderr)
+
+    path = report.write(args.runs, args.out, tell)
+    print(f"{path}: {path.stat().st_size / 1e6:.1f} MB")
+
+
 def show_suite(args: argparse.Namespace) -> None:
     """Show tasks, algorithms and their defaults."""
     from usbench import console

@@ -1,0 +1,124 @@
+"""Trials in, one page out: a file that works offline and has the same bytes from the same records."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jinja2
+
+from usbench import (
+    answer,
+    drawing,
+    leaderboard,
+    plots,
+    records,
+    report_agents,
+    report_pictures,
+    report_poses,
+    report_tables,
+    report_text,
+    scores,
+    suite,
+)
+from usbench.atomic import atomic_file
+from usbench.records import ConfigurationError
+from usbench.results import Results
+
+Tell = Callable[[str], None]
+ENDINGS = (".html",)
+
+
+def check(runs: Path, out: Path) -> Path:
+    """Return where the page goes, if trials can be read and a page written there.
+
+    Raises:
+        ConfigurationError: If not; one sentence says why.
+    """
+    if not runs.is_dir():
+        raise ConfigurationError(f"there is no folder {str(runs)!r} with trials.")
+    if not records.trial_folders(runs):
+        raise ConfigurationError(f"{str(runs)!r} holds no trials: usbench run or compare makes them.")
+    return drawing.check_file(out, ENDINGS)
+
+
+def write(runs: Path, out: Path, tell: Tell = lambda _: None) -> Path:
+    """Write the page of all trials in `runs`, a folder of them or a trial itself, and return its path.
+
+    Args:
+        runs: Where the trials are.
+        out: An `.html` file.
+        tell: Told what is being made, since the pictures take minutes where agents are many.
+
+    Raises:
+        ConfigurationError: If there are no trials, a record is broken or nothing can be written.
+    """
+    out = check(runs, out)
+    tell("reading the records")
+    known = plots.gather([runs])
+    if known.trials.empty:
+        raise ConfigurationError(f"no trial in {str(runs)!r} has begun.")
+    if (runs / records.TRIAL).is_file():
+        runs = runs.resolve().parent
+    tell("drawing the comparison")
+    content = _comparison(known) | _recorded(runs, known) | _seen(runs, known, tell)
+    with atomic_file(out) as file:
+        file.write(_page(content).encode())
+    return out
+
+
+def _page(content: dict[str, Any]) -> str:
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("usbench"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template("report.html").render(content)
+
+
+def _comparison(known: Results) -> dict[str, Any]:
+    """Return what follows from the results alone."""
+    cells = sorted(set(known.trials[scores.CELL].itertuples(index=False, name=None)))
+    return {
+        "answer": report_text.inline(answer.text(known)),
+        "reading": leaderboard.READING,
+        "n_trials": len(known.trials),
+        "n_finished": int((known.trials["status"] == "finished").sum()),
+        "sections": report_text.sections(known),
+        "cells": [
+            (scores.cell_name(task, noise), f"{suite.TASKS[task].guidance.title}, noise {noise:g}")
+            for task, noise in cells
+        ],
+        "figures": report_pictures.comparison(known),
+    }
+
+
+def _recorded(runs: Path, known: Results) -> dict[str, Any]:
+    """Return the tables that need more than the results."""
+    return {
+        "endings": report_tables.endings(runs, known),
+        "settings": report_tables.settings(known),
+        "environments": report_tables.environments(runs, known),
+        "trials": report_tables.trials(known),
+    }
+
+
+def _seen(runs: Path, known: Results, tell: Tell) -> dict[str, Any]:
+    """Return what is looked at, agent by agent, and what agents see."""
+    chosen = report_agents.shown(known)
+    tell("looking at the frames")
+    poses = {task: report_poses.look(task) for task in sorted({one.task for one in chosen})}
+    cards = []
+    for number, one in enumerate(chosen, 1):
+        tell(f"agent {number} of {len(chosen)}: {one.agent} on {one.task}")
+        cards.append(report_agents.card(runs, one, poses[one.task]))
+    titles = {task: own.task.title for task, own in poses.items()}
+    return {
+        "titles": titles,
+        "cards": cards,
+        "accuracy": report_agents.accuracy_table(cards, titles, report_poses.ALIKE),
+        "other_frames": [one.trial for one in chosen if not poses[one.task].digest.startswith(one.frames)],
+        "overview": report_poses.overview(poses) if poses else None,
+        "pairs": {task: report_poses.pairs(own) for task, own in poses.items()},
+    }
