@@ -1,0 +1,85 @@
+"""How long the guide's page takes from a key to the new frame, in a headless Chromium; and its picture.
+
+Run `python benchmarks/guide.py TRIAL [--picture docs/guide.png]`. The time counts from the key's event to the
+second picture after the new frame was drawn, so that the frame has been on the screen.
+"""
+
+import argparse
+import os
+import shutil
+import statistics
+import threading
+from pathlib import Path
+from typing import Any
+
+import torch
+from playwright.sync_api import expect, sync_playwright
+
+from usbench import guide_server, runner, suite
+from usbench.guide_session import Session
+
+EPISODES = 8
+KEYS = {"Space": " "}
+
+
+def main() -> None:
+    """Measure, print a line, write the picture."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("trial", type=Path)
+    parser.add_argument("--picture", type=Path)
+    args = parser.parse_args()
+    torch.set_num_threads(1)  # as the command does
+    session = Session(args.trial.parent, args.trial, seed=0)
+    for task in suite.TASKS:
+        runner.prepare_frames(task)
+    with guide_server.listening() as listener, sync_playwright() as playwright:
+        server = guide_server.server(session)
+        thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
+        thread.start()
+        root = hasattr(os, "geteuid") and os.geteuid() == 0
+        browser = playwright.chromium.launch(
+            executable_path=shutil.which("chromium") or shutil.which("google-chrome"),
+            args=["--disable-gpu", *(["--no-sandbox"] if root else [])],
+        )
+        try:
+            page = browser.new_page(viewport={"width": 1400, "height": 880})
+            page.goto(guide_server.address(listener))
+            took = [ms for _ in range(EPISODES) for ms in episode(page)]
+            ordered = sorted(took)
+            print(
+                f"key to frame, {len(took)} keys: median {statistics.median(took):.0f} ms, "
+                f"9 of 10 within {ordered[len(took) * 9 // 10]} ms, longest {ordered[-1]} ms"
+            )
+            if args.picture:
+                page.keyboard.press("n")
+                expect(page.get_by_text("Step 0 of")).to_be_visible()
+                press(page, 4)
+                page.screenshot(path=args.picture)
+        finally:
+            browser.close()
+            server.should_exit = True
+            thread.join()
+
+
+def episode(page: Any) -> list[int]:
+    """Play an episode as advised, by keys; return what each took, in ms."""
+    page.keyboard.press("n")
+    expect(page.get_by_text("Step 0 of 16")).to_be_visible()
+    return press(page, 16)
+
+
+def press(page: Any, steps: int) -> list[int]:
+    """Press the advised key `steps` times; return what each took, in ms."""
+    took = []
+    for step in range(1, steps + 1):
+        key = page.locator("#controls .advised").get_attribute("aria-keyshortcuts")
+        page.evaluate("document.getElementById('latency').textContent = ''")
+        page.keyboard.press(KEYS.get(key, key))
+        expect(page.get_by_text(f"Step {step} of 16")).to_be_visible()
+        expect(page.locator("#latency")).to_contain_text("ms")
+        took.append(int(page.locator("#latency").text_content().split()[0]))
+    return took
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,50 @@
+"""How a person takes the actions of a task: keys, icons, and advice in words."""
+
+from dataclasses import dataclass
+
+from usbench.envs.guidance import COORDINATES, Action
+from usbench.envs.pose import Move
+
+
+@dataclass(frozen=True)
+class Control:
+    """One action on the page.
+
+    Attributes:
+        name: What the task calls the action.
+        advice: What is said to somebody who should take it.
+        key: The key that takes it, as browsers name it.
+        key_label: What stands on that key.
+        icon: Which arrow is drawn, one of the page's symbols.
+    """
+
+    name: str
+    advice: str
+    key: str
+    key_label: str
+    icon: str
+
+
+STAY = ("hold still", " ", "Space", "hold")
+# Coordinate and direction of the move -> advice, key, label of the key, icon.
+MOVES = {
+    ("x_mm", -1): ("move left", "ArrowLeft", "←", "left"),
+    ("x_mm", 1): ("move right", "ArrowRight", "→", "right"),
+    ("focal_depth_mm", -1): ("move the focus up", "ArrowUp", "↑", "up"),
+    ("focal_depth_mm", 1): ("move the focus down", "ArrowDown", "↓", "down"),
+    ("angle_deg", -1): ("rotate counter-clockwise", "e", "E", "counter-clockwise"),
+    ("angle_deg", 1): ("rotate clockwise", "r", "R", "clockwise"),
+}
+
+
+def control(action: Action) -> Control:
+    """Return how a person takes `action`; a move along several coordinates goes by the first of them."""
+    return Control(action.name, *_row(action.move))
+
+
+def _row(move: Move) -> tuple[str, str, str, str]:
+    for name in COORDINATES:
+        change = getattr(move, name)
+        if change:
+            return MOVES[name, 1 if change > 0 else -1]
+    return STAY

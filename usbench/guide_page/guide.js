@@ -1,0 +1,227 @@
+// The page of `usbench guide`: keys and buttons go to the server, its answer is drawn. No logic of the task here.
+import { drawScene } from "./scene.js";
+
+const PLAY_MS = 700, POLL_MS = 1000;
+const byId = (id) => document.getElementById(id);
+let shown = null, playing = null, pending = Promise.resolve(), waiting = 0;
+
+// One request at a time, in the order of the keys.
+function send(path, body, since) {
+  waiting += 1;
+  pending = pending.then(() => request(path, body)).then((state) => {
+    waiting -= 1;
+    if (state) render(state);
+    if (state && since !== undefined) measure(since);
+  });
+  return pending;
+}
+
+async function request(path, body) {
+  const options = body && { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) };
+  try {
+    const response = await fetch(path, options);
+    const answer = await response.json();
+    say(response.ok ? answer.message : answer.error);
+    return response.ok ? answer : null;
+  } catch {
+    pause();
+    say("The guide does not answer: it has ended. Start it again with: usbench guide");
+    return null;
+  }
+}
+
+// Until the second next picture begins, which is when the first one with the new frame has been shown.
+function measure(since) {
+  requestAnimationFrame(() => requestAnimationFrame(() => {
+    byId("latency").textContent = `${Math.round(performance.now() - since)} ms`;
+  }));
+}
+
+function say(sentence) {
+  byId("alert").hidden = !sentence;
+  if (byId("alert").textContent !== sentence) byId("alert").textContent = sentence;
+}
+
+function act(action, since) {
+  if (shown.over) say("The episode is over: begin a new one (N).");
+  else send("act", { action }, since);
+}
+const begin = () => send("begin", {});
+const follow = (since) => { if (shown.advice) send("follow", {}, since); };
+
+function play() {
+  if (playing !== null) return pause();
+  playing = setInterval(() => {
+    if (shown.over || !shown.advice) pause();
+    else if (!waiting) send("follow", {});
+  }, PLAY_MS);
+  if (shown.over) begin();
+  showPlaying();
+}
+function pause() {
+  clearInterval(playing);
+  playing = null;
+  showPlaying();
+}
+function showPlaying() {
+  byId("play").setAttribute("aria-pressed", String(playing !== null));
+  byId("play").querySelector("span").textContent = playing === null ? "Play" : "Pause";
+}
+
+// Drawing ------------------------------------------------------------------------------------------------------
+
+function element(name, attributes = {}, ...children) {
+  const made = document.createElement(name);
+  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+  made.append(...children);
+  return made;
+}
+
+function icon(name) {
+  const template = byId("advice").querySelector("svg").cloneNode(true);
+  template.firstElementChild.setAttribute("href", `#icon-${name}`);
+  return template;
+}
+
+function options(id, entries, value) {
+  const select = byId(id), text = JSON.stringify(entries);
+  if (select.dataset.entries !== text) {
+    select.dataset.entries = text;
+    const groups = Map.groupBy(entries, (entry) => entry.group ?? "");
+    select.replaceChildren(...[...groups].flatMap(([label, members]) => {
+      const made = members.map((entry) => element("option", { value: entry.value }, entry.label));
+      return label ? [element("optgroup", { label }, ...made)] : made;
+    }));
+  }
+  select.value = value;
+}
+
+function render(state) {
+  const taskChanged = shown?.task !== state.task;
+  shown = state;
+  renderSettings(state);
+  if (taskChanged) renderControls(state.controls);
+  renderFrame(state);
+  drawScene(byId("above"), byId("side"), byId("frame-axes"), state);
+  renderAdvice(state);
+  renderEpisode(state);
+  renderTraining(state.training);
+}
+
+function renderSettings(state) {
+  options("task", Object.entries(state.tasks).map(([value, label]) => ({ value, label })), state.task);
+  options("noise", state.noises.map((value) => ({ value: String(value), label: `${100 * value} %` })), String(state.noise));
+  const group = (agent) => agent.task === null ? "Knows the pose" : `Trained: ${state.tasks[agent.task]}`;
+  options("agent", state.agents.map((agent) => ({ value: agent.name, label: agent.label, group: group(agent) })), state.agent);
+  byId("hidden").checked = state.hidden;
+  byId("goal").textContent = state.goal;
+}
+
+function renderControls(controls) {
+  byId("controls").replaceChildren(...controls.map((control, action) => {
+    const button = element("button", { type: "button", "aria-keyshortcuts": control.key === " " ? "Space" : control.key },
+      icon(control.icon), element("span", {}, control.name), element("kbd", {}, control.key_label));
+    button.addEventListener("click", (event) => act(action, event.timeStamp));
+    return button;
+  }));
+}
+
+function renderFrame({ frame, shape: [height, width], pose }) {
+  const bytes = atob(frame), image = new ImageData(width, height);
+  for (let i = 0; i < bytes.length; i += 1) image.data.fill(bytes.charCodeAt(i), 4 * i, 4 * i + 3);
+  for (let i = 3; i < image.data.length; i += 4) image.data[i] = 255;
+  const small = new OffscreenCanvas(width, height), canvas = byId("frame"), context = canvas.getContext("2d");
+  small.getContext("2d").putImageData(image, 0, 0);
+  context.imageSmoothingQuality = "high";
+  context.drawImage(small, 0, 0, canvas.width, canvas.height);
+  canvas.setAttribute("aria-label", `B-mode frame, ${width} by ${height} mm, focus at ${pose.focal_depth_mm} mm`);
+}
+
+function renderAdvice({ advice, controls, over, exact, label }) {
+  byId("adviser").textContent = exact ? "of the exact optimum, which knows the pose" : `of ${label}`;
+  byId("adviser").classList.toggle("exact", exact);
+  byId("advice").hidden = !advice;
+  byId("silence").textContent = advice ? "" : over ? "" : "No advice: choose an agent that fits the task.";
+  byId("confidence-title").textContent = !advice ? "" : advice.kind === "value" ? "Return expected of each action" : "Probability of each action";
+  if (advice) {
+    byId("advice").querySelector("use").setAttribute("href", `#icon-${advice.icon}`);
+    byId("advice").querySelector("strong").textContent = advice.words[0].toUpperCase() + advice.words.slice(1);
+  }
+  byId("confidence").replaceChildren(...(advice ? controls : []).map((control, action) => {
+    const bar = element("i");
+    bar.style.width = `${100 * advice.bars[action]}%`;
+    const row = element("li", {}, element("span", {}, control.name),
+      element("span", { class: "bar", "aria-hidden": "true" }, bar), element("b", {}, minus(advice.texts[action])));
+    row.classList.toggle("best", action === advice.action);
+    return row;
+  }));
+  [...byId("controls").children].forEach((button, action) => {
+    button.classList.toggle("advised", advice?.action === action);
+    button.setAttribute("aria-disabled", String(over));
+  });
+  byId("follow").disabled = !advice;
+  byId("play").disabled = !advice && !over;
+}
+
+const minus = (text) => text.replaceAll("-", "\u2212");
+const signed = (number) => (number > 0 ? "+" : number < 0 ? "\u2212" : "") + Math.abs(number);
+
+function renderEpisode(state) {
+  const { pose, advice } = state;
+  byId("progress-words").textContent = `Step ${state.step} of ${state.n_steps}`;
+  Object.assign(byId("steps"), { max: state.n_steps, value: state.step });
+  byId("return").textContent = minus(state.return ?? "hidden");
+  byId("optimum").textContent = minus(state.optimum ?? "hidden");
+  byId("x").textContent = `${signed(pose.x_mm)} mm`;
+  byId("z").textContent = `${pose.focal_depth_mm} mm`;
+  byId("angle").textContent = `${pose.angle_deg}°`;
+  const goal = state.at_goal && !state.over ? " The probe is at the goal: hold it there." : "";
+  const next = advice ? ` Advice: ${advice.words}.` : "";
+  byId("status").textContent = `${state.happened}${goal}${next} ${state.verdict}`.trim();
+  byId("verdict").hidden = !state.over;
+  byId("verdict").textContent = minus(state.verdict);
+  byId("verdict").classList.toggle("success", state.at_goal === true);
+  byId("begin").classList.toggle("primary", state.over);
+}
+
+function renderTraining(training) {
+  const running = training.status === "running", failed = training.status === "failed";
+  byId("training").hidden = !(training.offered || running || failed);
+  byId("train").hidden = running;
+  byId("training-bar").hidden = !running;
+  byId("training-bar").value = training.step / training.steps;
+  byId("training-words").textContent = running
+    ? `Training: step ${training.step} of ${training.steps}. The exact optimum advises meanwhile.`
+    : failed ? `Training failed: ${training.reason}` : "No agent is trained for this task yet; the exact optimum advises.";
+  clearTimeout(renderTraining.timer);
+  if (running) renderTraining.timer = setTimeout(() => send("state"), POLL_MS);
+}
+
+// Hands --------------------------------------------------------------------------------------------------------
+
+const shortcuts = { a: follow, p: play, n: begin };
+document.addEventListener("keydown", (event) => {
+  const { key, target } = event, name = key.length === 1 ? key.toLowerCase() : key;
+  if (!shown || !byId("keys").checked || event.ctrlKey || event.altKey || event.metaKey) return;
+  if (target.matches("select, input") || (key === " " && target.matches("button"))) return;
+  const action = shown.controls.findIndex((control) => control.key === name);
+  if (action < 0 && !(name in shortcuts)) return;
+  event.preventDefault();
+  if (event.repeat && waiting) return;
+  if (action >= 0) act(action, event.timeStamp);
+  else shortcuts[name](event.timeStamp);
+});
+// A click leaves the focus where it is, so that the space bar still means "stay".
+byId("controls").addEventListener("mousedown", (event) => event.preventDefault());
+byId("follow").addEventListener("click", (event) => follow(event.timeStamp));
+byId("play").addEventListener("click", play);
+byId("begin").addEventListener("click", begin);
+byId("train").addEventListener("click", () => send("train", {}));
+byId("task").addEventListener("change", (event) => send("choose", { task: event.target.value }));
+byId("noise").addEventListener("change", (event) => send("choose", { noise: Number(event.target.value) }));
+byId("agent").addEventListener("change", (event) => send("choose", { agent: event.target.value }));
+byId("hidden").addEventListener("change", (event) => send("choose", { hidden: event.target.checked }));
+byId("settings").addEventListener("submit", (event) => event.preventDefault());
+// Another tab may have moved the same probe meanwhile.
+document.addEventListener("visibilitychange", () => { if (!document.hidden) send("state"); });
+send("state");
