@@ -43,6 +43,7 @@ def speed_up(monkeypatch):
     frames = DrawnFrames()
     monkeypatch.setattr("usbench.envs.guidance.frame_store", lambda *_: frames)
     monkeypatch.setattr("usbench.runner.frame_store", lambda *_: frames)
+    monkeypatch.setattr("usbench.board.frame_store", lambda *_: frames)
     rows = {
         name: dataclasses.replace(row, repeats=1, checkpoints=2, guidance=_fewer_starts(row.guidance))
         for name, row in suite.TASKS.items()

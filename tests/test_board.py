@@ -48,3 +48,13 @@ def test_strip_shows_the_final_poses(agent):
     pose = Pose(last.final_x_mm, last.final_focal_depth_mm, last.final_angle_deg)
     np.testing.assert_array_equal(strip[:, 42:], board.frame_store().frame(pose))
     assert (strip[:, 40:42] == 255).all()
+
+
+def test_a_trial_leaves_scores_between_anchors_and_frames(finished):
+    events = EventAccumulator(str(finished / "tensorboard"), size_guidance={IMAGES: 0, TENSORS: 0}).Reload()
+    tags = events.Tags()
+    modes = {f"evaluation/normalized_score_{mode}" for mode in ("stochastic", "deterministic")}
+    assert {board.TRAINING, board.RANDOM, board.OPTIMAL, "train/policy_loss"} | modes <= set(tags[SCALARS])
+    # Two checkpoints and the one before training.
+    assert [image.step for image in events.Images(board.FRAMES)] == [0, 64, 128]
+    assert "custom_scalars__config__" in tags[TENSORS]

@@ -5,8 +5,10 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
+from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 
+from usbench import board
 from usbench.evaluation import Evaluator
 from usbench.journal import Journal
 from usbench.records import Episode
@@ -134,9 +136,14 @@ class TrainingWatch(BaseCallback):
                 agent.logger.record(f"evaluation/normalized_score_{mode}", self._score(mean))
             if not deterministic:
                 self._progress.evaluated(step, mean, self._score(mean))
+        if logged and isinstance(agent, BaseAlgorithm):
+            board.evaluated(agent, played)
         if logged:
             agent.logger.dump(step)
         self.seconds += time.perf_counter() - start
+
+    def _on_training_start(self) -> None:
+        board.begin(self.logger)
 
     def _on_rollout_start(self) -> None:
         self.evaluate_due(self.model)
@@ -149,6 +156,8 @@ class TrainingWatch(BaseCallback):
         if self._recent:
             mean = sum(self._recent) / len(self._recent)
             self._progress.training(self.num_timesteps, self._steps, mean, self._score(mean))
+            if self._unaware is None:
+                board.trained(self.logger, self._score(mean))
 
     def _on_step(self) -> bool:
         self._tell()
