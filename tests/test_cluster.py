@@ -130,7 +130,6 @@ def test_killed_worker_costs_only_its_unfinished_trials(quick, tmp_path, two, mo
     assert {name.split("/")[0] for name in before} == {short.folder_name}
     assert before.items() <= contents(tmp_path, "*/*").items()
     assert records.read_state(tmp_path / slow.folder_name)["status"] == "finished"
-    two.wait_for_workers(2)
 
 
 def test_trial_that_nobody_waits_for_stops(quick, tmp_path, two):
