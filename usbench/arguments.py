@@ -1,0 +1,36 @@
+"""What all commands' arguments have in common: how they are refused and what they are read as."""
+
+import argparse
+import contextlib
+from typing import Any, NoReturn
+
+REFUSED = 2
+
+
+class Parser(argparse.ArgumentParser):
+    """Refuses in one sentence, without the usage text."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        """Takes argparse's arguments."""
+        super().__init__(allow_abbrev=False, formatter_class=argparse.RawDescriptionHelpFormatter, **kwargs)
+
+    def error(self, message: str) -> NoReturn:
+        """Exit with the status of what is refused."""
+        # What was typed may hold line breaks.
+        self.exit(REFUSED, f"usbench: error: {' '.join(message.split())} (see {self.prog} --help)\n")
+
+
+def number(text: str) -> int | float | str:
+    """Return a number where `text` is one; what is allowed is decided where the value is used."""
+    for kind in (int, float):
+        with contextlib.suppress(ValueError):
+            return kind(text)
+    return text
+
+
+def setting(text: str) -> tuple[str, str]:
+    """Return name and value of "name=value"."""
+    name, separator, value = text.partition("=")
+    if not (name and separator and value):
+        raise argparse.ArgumentTypeError(f"{text!r} is not of the form name=value")
+    return name, value

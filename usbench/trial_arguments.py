@@ -1,0 +1,169 @@
+"""The arguments of the commands that train: run, compare, leaderboard and search."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from usbench import commands
+from usbench.arguments import number, setting
+
+RUN_EXAMPLES = """examples:
+  usbench run --algo vpg --task pp
+  usbench run --algo vpg --task fp --noise 0.25 --seed 3
+  usbench run --algo vpg --task pp --preset spinup --set gamma=0.95 --out my_runs
+"""
+
+COMPARE_EXAMPLES = """examples:
+  usbench compare
+      the paper's grid: vpg, a2c, ppo and dqn on both tasks with three noise levels and 4 seeds
+  usbench compare --algos vpg ppo --tasks pp --noise 0 --seeds 10 --jobs 8
+  usbench compare --steps 1024 --seeds 2 --out quick --leaderboard quick/leaderboard.md
+      a minute's try
+  usbench compare --cluster tcp://host:8786
+      on the workers of a Dask cluster (docs/scaling.md)
+
+What is finished is not run again, so the same command goes on after an interruption.
+"""
+
+SEARCH_EXAMPLES = """examples:
+  usbench search --algo ppo
+  usbench search --algo dqn --tasks pp --noise 0 --steps 8032 --candidates 10 --jobs 8
+
+The same command goes on where it was stopped. Seeds begin at 1000, where no comparison has any.
+"""
+
+
+def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
+    """Add the commands to the command line; `debug` is what all commands share."""
+    _add_run(subparsers, debug)
+    _add_compare(subparsers, debug)
+    _add_leaderboard(subparsers, debug)
+    _add_search(subparsers, debug)
+
+
+def _add_run(subparsers: Any, debug: argparse.ArgumentParser) -> None:
+    run = subparsers.add_parser(
+        "run",
+        parents=[debug],
+        epilog=RUN_EXAMPLES,
+        help="train and evaluate one agent on one task",
+        description="Train and evaluate one agent on one task; leave records, learning curve and replay.",
+    )
+    run.add_argument("--algo", required=True, help="algorithm, for example vpg (see usbench list)")
+    run.add_argument("--task", required=True, help="task, fp or pp (see usbench list)")
+    run.add_argument("--noise", type=number, default=0.0, metavar="P", help="probability 0..1 (default 0)")
+    run.add_argument("--seed", type=number, default=0, metavar="N", help="trial seed (default 0)")
+    run.add_argument("--steps", type=number, metavar="N", help="training steps (default: the task's budget)")
+    run.add_argument("--preset", metavar="NAME", help="named hyperparameters, for example spinup")
+    run.add_argument(
+        "--set",
+        action="extend",
+        nargs="+",
+        type=setting,
+        default=[],
+        metavar="NAME=VALUE",
+        help="hyperparameters, for example n_value_steps=80",
+    )
+    run.add_argument("--out", type=Path, default=Path("runs"), help="folder for trials (default runs)")
+    run.add_argument("--overwrite", action="store_true", help="run again even if finished")
+    run.add_argument(
+        "--wandb", action="store_true", help="let Weights & Biases follow the training; needs usbench[wandb]"
+    )
+    run.add_argument("--quiet", action="store_true", help="no progress")
+    run.set_defaults(call=commands.run)
+
+
+def _add_compare(subparsers: Any, debug: argparse.ArgumentParser) -> None:
+    compare = subparsers.add_parser(
+        "compare",
+        parents=[debug],
+        epilog=COMPARE_EXAMPLES,
+        help="compare algorithms and write a leaderboard",
+        description="Run the trials that are missing, several at a time; write the leaderboard, "
+        "scores.csv beside it, and tables and figures in a folder beside it. random, stay and oracle always "
+        "take part.",
+    )
+    compare.add_argument(
+        "--algos",
+        nargs="+",
+        default=["vpg", "a2c", "ppo", "dqn"],
+        metavar="NAME",
+        help="algorithms, also your own as module:name (default vpg a2c ppo dqn; see usbench list)",
+    )
+    compare.add_argument(
+        "--tasks", nargs="+", default=["fp", "pp"], metavar="NAME", help="tasks (default fp pp)"
+    )
+    compare.add_argument(
+        "--noise",
+        nargs="+",
+        type=number,
+        default=[0.0, 0.25, 0.5],
+        metavar="P",
+        help="probabilities 0..1 (default 0 0.25 0.5)",
+    )
+    compare.add_argument("--seeds", type=number, default=4, metavar="N", help="number of seeds (default 4)")
+    compare.add_argument(
+        "--steps", type=number, metavar="N", help="training steps (default: the task's budget)"
+    )
+    _add_leaderboard_file(compare)
+    _add_sweep(compare)
+    compare.add_argument(
+        "--cluster",
+        metavar="ADDRESS",
+        help="run the trials on a Dask cluster, for example tcp://host:8786; needs usbench[dask]",
+    )
+    compare.set_defaults(call=commands.compare)
+
+
+def _add_leaderboard(subparsers: Any, debug: argparse.ArgumentParser) -> None:
+    leaderboard = subparsers.add_parser(
+        "leaderboard",
+        parents=[debug],
+        help="write a leaderboard again, from its tables alone",
+        description="Write the leaderboard, scores.csv beside it and the figures again, from the tables that "
+        "compare left in the folder beside it (leaderboard_files); no trial is run or read.",
+    )
+    _add_leaderboard_file(leaderboard)
+    leaderboard.set_defaults(call=commands.leaderboard)
+
+
+def _add_leaderboard_file(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--leaderboard",
+        type=Path,
+        default=Path("leaderboard.md"),
+        metavar="FILE",
+        help="file to write (default leaderboard.md)",
+    )
+
+
+def _add_search(subparsers: Any, debug: argparse.ArgumentParser) -> None:
+    search = subparsers.add_parser(
+        "search",
+        parents=[debug],
+        epilog=SEARCH_EXAMPLES,
+        help="search hyperparameters of an algorithm",
+        description="Try hyperparameters of one algorithm and write a table; needs usbench[search].",
+    )
+    search.add_argument("--algo", required=True, help="algorithm, for example ppo (see usbench list)")
+    search.add_argument(
+        "--tasks", nargs="+", default=["fp", "pp"], metavar="NAME", help="tasks (default fp pp)"
+    )
+    search.add_argument("--noise", type=number, default=0.25, metavar="P", help="0..1 (default 0.25)")
+    search.add_argument(
+        "--seeds", type=number, default=1, metavar="N", help="seeds per candidate (default 1)"
+    )
+    search.add_argument(
+        "--steps", type=number, metavar="N", help="training steps (default: the task's budget)"
+    )
+    search.add_argument(
+        "--candidates", type=number, default=20, metavar="N", help="candidates in all (default 20)"
+    )
+    _add_sweep(search)
+    search.set_defaults(call=commands.search)
+
+
+def _add_sweep(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--jobs", type=number, metavar="N", help="trials at a time (default: all cores)")
+    parser.add_argument("--out", type=Path, default=Path("runs"), help="folder for trials (default runs)")
+    parser.add_argument("--quiet", action="store_true", help="no progress")
