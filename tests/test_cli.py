@@ -36,6 +36,8 @@ def refusal(capsys, *argv):
         (["--steps", "0"], "0"),
         (["--steps", "-5"], "-5"),
         (["--steps", "1e2x"], "1e2x"),
+        (["--n-frames", "0"], "0"),
+        (["--n-frames", "1.5"], "1.5"),
         (["--set", "n_value_step=80"], "'n_value_steps'"),
         (["--set", "gamma=2.0"], "2.0"),
         (["--set", "gamma"], "name=value"),
@@ -80,6 +82,12 @@ def test_trial_from_end_to_end_and_once_more(capsys, tmp_path, quick):
     captured = capsys.readouterr()
     assert "finished already" in captured.out and "--overwrite" in captured.out
     assert captured.err == ""
+
+
+def test_single_frames_can_be_asked_for(tmp_path, quick):
+    assert cli.main([*RUN, "--n-frames", "1", "--quiet", "--out", str(tmp_path)]) == 0
+    (folder,) = records.trial_folders(tmp_path)
+    assert records.read_state(folder)["config"]["n_frames"] == 1
 
 
 def test_quiet_says_nothing_on_stderr(capsys, tmp_path, quick):

@@ -15,6 +15,7 @@ def run(args: argparse.Namespace) -> None:
         noise=args.noise,
         seed=args.seed,
         steps=args.steps,
+        n_frames=args.n_frames,
         preset=args.preset,
         overrides=dict(args.set),
     )

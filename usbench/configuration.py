@@ -11,6 +11,8 @@ from usbench.envs.guidance import check_noise
 from usbench.envs.pose import whole_number
 from usbench.records import ConfigurationError, TrialConfig
 
+# An episode's, and more than any trial needs.
+MAX_FRAMES = 64
 # What is recorded with a trial, since its bits depend on them.
 PACKAGES = (
     "usbench",
@@ -32,6 +34,7 @@ def resolve(
     noise: float = 0.0,
     seed: int = 0,
     steps: int | None = None,
+    n_frames: int = 4,
     preset: str | None = None,
     overrides: Mapping[str, Any] | None = None,
 ) -> TrialConfig:
@@ -49,6 +52,9 @@ def resolve(
         steps = whole_number("steps", suite.TASKS[task].steps if steps is None else steps)
         if steps < 1:
             raise ValueError(f"steps must be a whole number of at least 1, not {steps}.")
+        n_frames = whole_number("n_frames", n_frames)
+        if not 1 <= n_frames <= MAX_FRAMES:
+            raise ValueError(f"n_frames must be a whole number in [1, {MAX_FRAMES}], not {n_frames}.")
     except (ValueError, TypeError) as error:
         raise ConfigurationError(str(error)) from error
     plain = suite.make_env(task, noise).unwrapped
@@ -57,6 +63,7 @@ def resolve(
         algo=algo,
         noise=noise,
         seed=seed,
+        n_frames=n_frames,
         steps=steps if zoo.entry(algo).learns else 0,
         hyperparameters=hyperparameters,
         environment={

@@ -20,11 +20,11 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 
 from usbench import records, runner, suite
 from usbench.agents import outside, zoo
+from usbench.configuration import MAX_FRAMES
 from usbench.envs import oracle
 from usbench.records import ConfigurationError, TrialConfig
 
 WEIGHTS = "policy.pth"
-MAX_FRAMES = 64
 
 
 @dataclass(frozen=True)

@@ -54,6 +54,9 @@ def _add_run(subparsers: Any, debug: argparse.ArgumentParser) -> None:
     run.add_argument("--noise", type=number, default=0.0, metavar="P", help="probability 0..1 (default 0)")
     run.add_argument("--seed", type=number, default=0, metavar="N", help="trial seed (default 0)")
     run.add_argument("--steps", type=number, metavar="N", help="training steps (default: the task's budget)")
+    run.add_argument(
+        "--n-frames", type=number, default=4, metavar="N", help="frames in one observation (default 4)"
+    )
     run.add_argument("--preset", metavar="NAME", help="named hyperparameters, for example spinup")
     run.add_argument(
         "--set",
