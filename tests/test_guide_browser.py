@@ -145,6 +145,8 @@ def test_misfit_hidden_object_and_ended_guide_are_clear(page, untrained):
     expect(page.locator("#above circle[fill]")).to_have_count(6)
     page.get_by_label("Hide the object").check()
     expect(page.locator("#above circle[fill]")).to_have_count(0)
+    page.keyboard.press("ArrowDown")
+    expect(page.get_by_text("Step 1 of 16")).to_be_visible()
     expect(page.locator("#optimum")).to_have_text("hidden")
     page.route("**/act", lambda route: route.abort())
     page.get_by_role("button", name="left").press("Enter")

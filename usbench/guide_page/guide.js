@@ -140,19 +140,19 @@ function renderFrame({ frame, shape: [height, width], pose }) {
 function renderAdvice({ advice, controls, over, exact, label }) {
   byId("adviser").textContent = exact ? "of the exact optimum, which knows the pose" : `of ${label}`;
   byId("adviser").classList.toggle("exact", exact);
-  byId("advice").hidden = !advice;
-  byId("silence").textContent = advice ? "" : over ? "" : "No advice: choose an agent that fits the task.";
-  byId("confidence-title").textContent = !advice ? "" : advice.kind === "value" ? "Return expected of each action" : "Probability of each action";
-  if (advice) {
-    byId("advice").querySelector("use").setAttribute("href", `#icon-${advice.icon}`);
-    byId("advice").querySelector("strong").textContent = advice.words[0].toUpperCase() + advice.words.slice(1);
-  }
-  byId("confidence").replaceChildren(...(advice ? controls : []).map((control, action) => {
+  // At the end all keeps its place, so that no button moves away under a finger.
+  byId("advice").hidden = !advice && !over;
+  byId("silence").textContent = advice || over ? "" : "No advice: choose an agent that fits the task.";
+  byId("confidence-title").textContent = !advice ? "\u00a0" : advice.kind === "value" ? "Return expected of each action" : "Probability of each action";
+  const words = advice?.words ?? "the episode is over";
+  byId("advice").querySelector("use").setAttribute("href", advice ? `#icon-${advice.icon}` : "");
+  byId("advice").querySelector("strong").textContent = words[0].toUpperCase() + words.slice(1);
+  byId("confidence").replaceChildren(...(advice || over ? controls : []).map((control, action) => {
     const bar = element("i");
-    bar.style.width = `${100 * advice.bars[action]}%`;
+    bar.style.width = `${100 * (advice?.bars[action] ?? 0)}%`;
     const row = element("li", {}, element("span", {}, control.name),
-      element("span", { class: "bar", "aria-hidden": "true" }, bar), element("b", {}, minus(advice.texts[action])));
-    row.classList.toggle("best", action === advice.action);
+      element("span", { class: "bar", "aria-hidden": "true" }, bar), element("b", {}, minus(advice?.texts[action] ?? "")));
+    row.classList.toggle("best", action === advice?.action);
     return row;
   }));
   [...byId("controls").children].forEach((button, action) => {
@@ -177,8 +177,7 @@ function renderEpisode(state) {
   byId("angle").textContent = `${pose.angle_deg}°`;
   const goal = state.at_goal && !state.over ? " The probe is at the goal: hold it there." : "";
   const next = advice ? ` Advice: ${advice.words}.` : "";
-  byId("status").textContent = `${state.happened}${goal}${next} ${state.verdict}`.trim();
-  byId("verdict").hidden = !state.over;
+  byId("status").textContent = `${state.happened}${goal}${next}`;
   byId("verdict").textContent = minus(state.verdict);
   byId("verdict").classList.toggle("success", state.at_goal === true);
   byId("begin").classList.toggle("primary", state.over);
@@ -203,7 +202,7 @@ const shortcuts = { a: follow, p: play, n: begin };
 document.addEventListener("keydown", (event) => {
   const { key, target } = event, name = key.length === 1 ? key.toLowerCase() : key;
   if (!shown || !byId("keys").checked || event.ctrlKey || event.altKey || event.metaKey) return;
-  if (target.matches("select, input") || (key === " " && target.matches("button"))) return;
+  if (target.matches("select") || (key === " " && target.matches("button, input"))) return;
   const action = shown.controls.findIndex((control) => control.key === name);
   if (action < 0 && !(name in shortcuts)) return;
   event.preventDefault();
@@ -211,6 +210,11 @@ document.addEventListener("keydown", (event) => {
   if (action >= 0) act(action, event.timeStamp);
   else shortcuts[name](event.timeStamp);
 });
+// Who chooses with the mouse goes on with the probe's keys, not with those of the list.
+let byMouse = false;
+document.addEventListener("pointerdown", () => { byMouse = true; }, true);
+document.addEventListener("keydown", () => { byMouse = false; }, true);
+byId("settings").addEventListener("change", (event) => { if (byMouse) event.target.blur(); });
 // A click leaves the focus where it is, so that the space bar still means "stay".
 byId("controls").addEventListener("mousedown", (event) => event.preventDefault());
 byId("follow").addEventListener("click", (event) => follow(event.timeStamp));
