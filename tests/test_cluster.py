@@ -168,13 +168,13 @@ def test_nothing_listens_but_on_loopback(two):
 
 def test_other_versions_are_refused(two, monkeypatch):
     real = cluster.versions()
-    monkeypatch.setattr(cluster, "versions", lambda: real | {"torch": "1.0"})
+    monkeypatch.setattr(cluster, "versions", lambda: {**real, "torch": "1.0"})
     said = refusal(two.scheduler_address)
     assert f"torch {real['torch']}, this machine 1.0" in said and "tcp://127.0.0.1:" in said
 
 
 def test_worker_of_another_version_that_comes_later_is_refused(quick, tmp_path, two):
-    expected = cluster.versions() | {"python": "2.7"}
+    expected = {**cluster.versions(), "python": "2.7"}
     with distributed.Client(two, set_as_default=False) as client:
         late = client.submit(cluster.on_worker, sweep.work, *plan("stay"), expected, pure=False)
         with pytest.raises(ConfigurationError, match=r"this machine 2\.7"):

@@ -4,6 +4,7 @@ A trial's records come back through the cluster, so that no disk is shared. Vers
 anything runs: same seed, same bits holds for the same versions.
 """
 
+import functools
 import logging
 import os
 import platform
@@ -14,16 +15,13 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import urlsplit
 
 from usbench import records, runner
 from usbench.atomic import atomic_file
 from usbench.records import ConfigurationError, TrialConfig
 from usbench.training import Silent
-
-if TYPE_CHECKING:
-    from distributed import Client
 
 CONNECT_S = 5.0
 MAX_GREETING = 1_000_000
@@ -97,7 +95,8 @@ class Cluster(Executor):
             ended.set_result(reason)
 
 
-def versions() -> dict[str, str]:
+@functools.cache
+def versions() -> Mapping[str, str]:
     """Return the versions on this machine of everything that the bits of a trial depend on."""
     found = {"python": platform.python_version()}
     for name in PACKAGES:
@@ -109,7 +108,7 @@ def versions() -> dict[str, str]:
 
 
 def on_worker(
-    function: Callable[[TrialConfig, Path, Silent], str | None],
+    function: Callable[..., str | None],
     config: TrialConfig,
     expected: Mapping[str, str],
 ) -> tuple[str | None, Files]:
@@ -151,9 +150,9 @@ class _UntilCancelled(Silent):
             raise KeyboardInterrupt
 
 
-def _connect(address: str) -> "Client":
+def _connect(address: str) -> Any:
     try:
-        from distributed import Client
+        import distributed
     except ImportError as error:
         raise ConfigurationError(
             "--cluster needs Dask, which is not installed: pip install 'usbench[dask]'."
@@ -167,7 +166,8 @@ def _connect(address: str) -> "Client":
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
     try:
         _hear(address)
-        return Client(address, timeout=CONNECT_S, set_as_default=False)
+        client: Any = distributed.Client  # without types
+        return client(address, timeout=CONNECT_S, set_as_default=False)
     except Exception as error:  # refused, not resolved, timed out, or something else answers there
         raise ConfigurationError(
             f"no Dask scheduler answers at {address} within {CONNECT_S:g} s: start one, or choose another "
@@ -200,7 +200,7 @@ def _is_address(text: str) -> bool:
         return False
 
 
-def _check_workers(client: "Client", address: str) -> int:
+def _check_workers(client: Any, address: str) -> int:
     """Return how many workers there are; ConfigurationError if there are none, or one does not fit."""
     threads = client.nthreads()
     if not threads:
