@@ -81,8 +81,8 @@ def main() -> None:
         full = cost(workers, args.trials, functools.partial(leave, size))
     console = Console(width=110)
     console.print(
-        f"{len(seconds)} finished trials: {trial_s:.0f} s on average ({min(seconds):.0f} to {max(seconds):.0f}), "
-        f"{size / 1e6:.2f} MB of files\n"
+        f"{len(seconds)} finished trials: {trial_s:.0f} s on average "
+        f"({min(seconds):.0f} to {max(seconds):.0f}), {size / 1e6:.2f} MB of files\n"
         f"overhead per trial ({args.trials} trials, 2 workers): {bare[0] * 1e3:.1f} ms, of which scheduler "
         f"and client compute {bare[1] * 1e3:.1f} ms\n"
         f"with files: {full[0] * 1e3:.1f} ms, of which scheduler and client compute {full[1] * 1e3:.1f} ms\n"
