@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.logger import configure
+from stable_baselines3.common.logger import Logger, configure
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from usbench import suite
@@ -75,6 +75,7 @@ class Learning:
         self._config, self._journals, self._stopwatch = config, journals, stopwatch
         self._checkpoints: Checkpoints | None = checkpoints
         self._generators: dict[str, Any] | None = None
+        self._logger: Logger | None = None
         episodes, evaluations = journals
         self.watch = TrainingWatch(
             steps=config.steps,
@@ -125,7 +126,8 @@ class Learning:
         """
         steps = self._config.steps
         if isinstance(self.agent, BaseAlgorithm):
-            self.agent.set_logger(configure(str(tensorboard), ["tensorboard"]))
+            self._logger = configure(str(tensorboard), ["tensorboard"])
+            self.agent.set_logger(self._logger)
             begun = self._generators is not None
             if self._generators is not None:
                 # Last: whatever was made since the start has drawn from them.
@@ -140,6 +142,11 @@ class Learning:
                 f"{self._config.algo} made {self._recorder.n_steps} training steps instead of {steps}."
             )
         self.watch.num_timesteps = steps
+
+    def close(self) -> None:
+        """End TensorBoard's events; each file has a thread that would outlive the trial."""
+        if self._logger is not None:
+            self._logger.close()
 
     def _keep(self, at_end: bool) -> None:
         """Write a checkpoint if it is time; nothing here may change what is drawn or learned afterwards."""

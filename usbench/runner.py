@@ -1,6 +1,7 @@
 """One trial = (algorithm, task, noise, seed): prepare frames, train, evaluate, record."""
 
 import contextlib
+import gc
 import logging
 import platform
 from collections.abc import Callable, Iterator
@@ -89,6 +90,9 @@ def run_trial(
         keep_freed()
         trial = _Trial(config, out, Checkpoints(folder, seconds), progress or Silent())
         trial.run(anew=overwrite)
+    # Models and environments hold each other: without this, the memory of a worker grows from trial to trial.
+    del trial
+    gc.collect()
     return Result(folder, skipped=False)
 
 
@@ -210,11 +214,12 @@ class _Trial:
 
     def _learn(self, learning: Learning) -> None:
         self.agent, watch = learning.agent, learning.watch
-        if self.config.steps:
-            with self.stopwatch.timed("training_s"):
-                learning.learn(self.folder / records.TENSORBOARD)
-            self.stopwatch.add({"training_s": -watch.seconds})
-        watch.evaluate_due(self.agent)
+        with contextlib.closing(learning):
+            if self.config.steps:
+                with self.stopwatch.timed("training_s"):
+                    learning.learn(self.folder / records.TENSORBOARD)
+                self.stopwatch.add({"training_s": -watch.seconds})
+            watch.evaluate_due(self.agent)
         self.stopwatch.add({"evaluation_s": watch.seconds})
 
     def _reference(self, algo: str) -> dict[str, float]:

@@ -105,10 +105,9 @@ def test_two_sweeps_at_once_compute_nothing_twice(undisturbed_sweep, tmp_path):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("undisturbed", ["vpg", "dqn"], indirect=True)
 def test_command_that_is_interrupted_goes_on(undisturbed, tmp_path, number):
     config, bits, _ = undisturbed
-    if config.algo not in ("vpg", "dqn"):
-        pytest.skip("one algorithm of each kind is enough")
     settings = [f"{name}={value}" for name, value in trials.SMALL[config.algo].items()]
     argv = ["run", "--algo", config.algo, "--task", "pp", "--noise", "0.5", "--steps", str(trials.STEPS)]
     argv += ["--quiet", "--out", str(tmp_path), "--set", *settings]
