@@ -296,7 +296,6 @@ def test_record_files_with_changed_bytes(trial, name, where, junk, cut):
     shutil.copy(whole / name, folder / name)
 
 
-@pytest.mark.xfail(strict=True, reason="records.read_state does not check what it reads yet")
 @fuzz
 @given(name=FILES, where=st.integers(0, 10**6), value=JSON, drop=st.booleans())
 def test_record_files_with_other_values(trial, name, where, value, drop):

@@ -39,7 +39,13 @@ def untrained(tmp_path_factory):
     folder = tmp_path_factory.mktemp("runs") / config.folder_name
     folder.mkdir()
     records.write_state(
-        folder, {"status": "interrupted", "config": dataclasses.asdict(config), "evaluation_episodes": 1}
+        folder,
+        {
+            "status": "interrupted",
+            "config": dataclasses.asdict(config),
+            "anchors": {"optimal": -4.0, "random": -21.0, "stay": -23.0},
+            "evaluation_episodes": 1,
+        },
     )
     env = DummyVecEnv([lambda: suite.make_env("pp")])
     zoo.make("ppo", env, 0, config.hyperparameters, device="cpu").save(folder / records.MODEL)

@@ -1,6 +1,7 @@
 """Records: written whole, read back, and refused in one sentence where they are broken."""
 
 import json
+from dataclasses import asdict
 
 import numpy as np
 import pandas as pd
@@ -40,8 +41,11 @@ def evaluation(number=0, return_=-12.0, sine=0.5, **changes):
 def state(status="finished"):
     return {
         "status": status,
-        "config": {"task": "pp", "noise": 0.25, "algo": "vpg", "seed": 3},
+        "reason": None,
+        "config": asdict(CONFIG),
         "anchors": ANCHORS,
+        "timings": {"total_s": 1.5},
+        "versions": {"numpy": "2.0"},
     }
 
 

@@ -17,7 +17,7 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 
-from usbench import checksums
+from usbench import checksums, wellformed
 from usbench.atomic import atomic_file
 from usbench.journal import read_rows
 
@@ -192,6 +192,7 @@ def read_state(folder: Path) -> dict[str, Any]:
         raise ValueError(f"{path} is not a trial record: it holds {type(state).__name__}, not an object.")
     if state.get("schema", SCHEMA) != SCHEMA:
         raise ValueError(f"{path} has schema {state['schema']!r}; this version reads schema {SCHEMA}.")
+    wellformed.check(path, state)
     return state
 
 

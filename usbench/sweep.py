@@ -212,7 +212,7 @@ def _expected_seconds(missing: Sequence[TrialConfig], out: Path, jobs: int) -> f
     for folder in records.trial_folders(out):
         with contextlib.suppress(ValueError):
             state = records.read_state(folder)
-            if state.get("status") == "finished":
+            if state.get("status") == "finished" and "total_s" in state.get("timings", {}):
                 key = state["config"]["algo"], state["config"]["steps"]
                 seconds.setdefault(key, []).append(state["timings"]["total_s"])
     keys = [(config.algo, config.steps) for config in missing if config.steps]

@@ -38,14 +38,14 @@ CONFIG: Mapping[str, Check] = {
 ANCHORS: Mapping[str, Check] = {"optimal": _number, "random": _number, "stay": _number}
 STATE: Mapping[str, Check] = {
     "status": lambda value: value in ("running", "interrupted", "failed", "finished"),
-    "reason": lambda value: value is None or _text(value),
     "config": lambda value: ANYTHING(value) and not _misfit(value, CONFIG),
     "anchors": lambda value: ANYTHING(value) and not _misfit(value, ANCHORS),
+}
+# What may be missing.
+OPTIONAL: Mapping[str, Check] = {
+    "reason": lambda value: value is None or _text(value),
     "timings": _mapping_of(_number),
     "versions": _mapping_of(_text),
-}
-# What comes later, if at all.
-OPTIONAL: Mapping[str, Check] = {
     "frames": lambda value: ANYTHING(value) and _text(value.get("digest")),
     "checksums": _mapping_of(_text),
     "references": _mapping_of(_mapping_of(_number)),
@@ -64,8 +64,6 @@ def check(path: Path, state: Mapping[str, Any]) -> None:
     """
     later = {name: own for name, own in OPTIONAL.items() if name in state}
     misfit = _misfit(state, {**STATE, **later}) if "config" in state else ""
-    if not misfit and state.get("status") == "finished" and "total_s" not in state.get("timings", {}):
-        misfit = "timings"
     if misfit:
         for part, checks in (("config", CONFIG), ("anchors", ANCHORS)):
             if misfit == part and isinstance(state.get(part), dict):

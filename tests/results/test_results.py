@@ -36,7 +36,14 @@ def facts(return_, distance=5.0, sine=0.5, success=False, to_goal=None):
 def write_trial(out, config, status="finished", last=STEPS, **state):
     """Two evaluation episodes of each kind at two checkpoints, and three training episodes."""
     folder = records.create(out, config)
-    known = {"status": status, "config": dataclasses.asdict(config), "anchors": ANCHORS} | state
+    known = {
+        "status": status,
+        "reason": None,
+        "config": dataclasses.asdict(config),
+        "anchors": ANCHORS,
+        "timings": {},
+        "versions": {},
+    } | state
     records.write_state(folder, known)
     with Journal(folder / records.EPISODES) as journal:
         for number, (step, return_) in enumerate([(1, -20.0), (2, -12.0), (100, -4.0)]):
