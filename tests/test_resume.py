@@ -342,20 +342,24 @@ def test_no_checkpoint_before_it_is_time(tmp_path):
 
 
 def test_second_process_waits_and_computes_nothing_twice(quick, tmp_path, caplog):
-    first, results = Until(), []
+    first, skipped = Until(), {}
     begun = threading.Event()
     first.training = lambda *_: begun.set()
     config = trials.config("vpg")
+
+    def run(name, progress):
+        skipped[name] = runner.run_trial(config, tmp_path, progress=progress).skipped
+
     threads = [
-        threading.Thread(target=lambda: results.append(runner.run_trial(config, tmp_path, progress=first))),
-        threading.Thread(target=lambda: results.append(runner.run_trial(config, tmp_path))),
+        threading.Thread(target=run, args=("first", first)),
+        threading.Thread(target=run, args=("second", None)),
     ]
     threads[0].start()
     assert begun.wait(60)
     threads[1].start()
     for thread in threads:
         thread.join(120)
-    assert [result.skipped for result in results] == [False, True]
+    assert skipped == {"first": False, "second": True}
     assert "another process runs the trial" in caplog.text
     assert not list(tmp_path.glob("*.earlier-*"))
 
