@@ -149,6 +149,7 @@ def test_lost_cluster_is_said(quick, tmp_path):
             functools.partial(sweep_worker.dawdle_once, tmp_path / "pid"), config, tmp_path
         )
         wait_until((tmp_path / "pid").exists)
+        threading.Timer(2.0, (tmp_path / "pid.end").touch).start()  # closing waits for the thread at work
         local.close()
         with pytest.raises(RuntimeError, match="cluster at tcp://.* is lost"):
             ended.result(timeout=60)

@@ -33,6 +33,12 @@ def here(quick, monkeypatch, tmp_path):
     return tmp_path
 
 
+@pytest.fixture
+def no_figures(monkeypatch):
+    """Figures take most of the time of a short comparison."""
+    monkeypatch.setattr("usbench.figures.write", lambda *_: [])
+
+
 def contents(folder):
     return {path: path.read_bytes() for path in sorted(Path(folder).rglob("*")) if path.is_file()}
 
@@ -95,7 +101,7 @@ def test_leaderboard_without_tables_is_refused_in_one_sentence(here, capsys):
     assert "no trials.csv in 'leaderboard_files'" in error and error.count("\n") == 1
 
 
-def test_failed_trial_is_listed_and_the_status_is_1(here, capsys, monkeypatch):
+def test_failed_trial_is_listed_and_the_status_is_1(here, no_figures, capsys, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 
@@ -107,7 +113,7 @@ def test_failed_trial_is_listed_and_the_status_is_1(here, capsys, monkeypatch):
     assert "failed" in Path("leaderboard.md").read_text()
 
 
-def test_interrupted_comparison_goes_on_where_it_was(here, capsys, monkeypatch):
+def test_interrupted_comparison_goes_on_where_it_was(here, no_figures, capsys, monkeypatch):
     real, n_calls = sweep.work, []
 
     def interrupted(config, out):
@@ -123,7 +129,7 @@ def test_interrupted_comparison_goes_on_where_it_was(here, capsys, monkeypatch):
     assert "3 trials to run, 7 finished already" in capsys.readouterr().err
 
 
-def test_quiet_says_nothing_on_stderr(here, capsys):
+def test_quiet_says_nothing_on_stderr(here, no_figures, capsys):
     assert cli.main(["compare", *GRID, "--quiet"]) == 0
     assert capsys.readouterr().err == ""
 

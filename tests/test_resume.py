@@ -76,7 +76,8 @@ def go_on(folder, algo="vpg"):
     return progress.first
 
 
-@pytest.mark.parametrize("algo", trials.LEARNERS)
+# The others in tests/faults, at more moments.
+@pytest.mark.parametrize("algo", ["vpg", "dqn", "recurrent_ppo"])
 def test_killed_trial_goes_on_and_ends_with_the_bits_of_an_undisturbed_one(
     undisturbed, often, tmp_path, algo
 ):
