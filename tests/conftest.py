@@ -77,3 +77,30 @@ def _trial(tmp_path_factory):
 def finished(quick, tmp_path, _trial):
     """The folder of a finished trial (vpg on pp, noise 0.5, 128 steps), a copy for this test alone."""
     return Path(shutil.copytree(_trial, tmp_path / "runs" / _trial.name))
+
+
+@pytest.fixture(scope="session")
+def undisturbed(tmp_path_factory):
+    """`undisturbed(algo)`, in a quick test: a trial that nothing happened to, its checkpoints far apart."""
+    import trials
+
+    from usbench import checkpoints, runner
+
+    done = {}
+
+    def folder(algo):
+        if algo not in done:
+            with pytest.MonkeyPatch.context() as monkeypatch:
+                monkeypatch.delenv(checkpoints.INTERVAL, raising=False)
+                done[algo] = runner.run_trial(trials.config(algo), tmp_path_factory.mktemp(algo)).folder
+        return done[algo]
+
+    return folder
+
+
+@pytest.fixture
+def often(quick, monkeypatch):
+    """A checkpoint before every rollout."""
+    from usbench import checkpoints
+
+    monkeypatch.setenv(checkpoints.INTERVAL, "0")

@@ -1,89 +1,30 @@
 """Input by the thousand: whatever comes is handled, or refused in one sentence.
 
-`USBENCH_FUZZ=1000 python -m pytest tests/test_fuzz.py` tries so many of each kind (100 without it) and says
-how many it tried.
+`USBENCH_FUZZ=1000 python -m pytest tests/test_fuzz.py tests/test_fuzz_files.py` tries so many of each
+kind (100 without it) and says how many it tried.
 """
 
 import contextlib
 import io
 import json
-import os
-import shutil
-from collections import Counter
+import sys
+from pathlib import Path
 
 import gymnasium as gym
-import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
-from usbench import cli, records, results, runner, sweep
+from usbench import cli, runner, sweep
 from usbench.agents import zoo
 from usbench.envs.pose import Pose
-from usbench.models import load_agent
 from usbench.records import ConfigurationError, TrialConfig
 
-TRIED = Counter()
-fuzz = settings(
-    max_examples=int(os.environ.get("USBENCH_FUZZ", "100")),
-    deadline=None,
-    database=None,
-    # Fixtures are made once for all examples: each example leaves them as it found them.
-    suppress_health_check=list(HealthCheck),
-)
+sys.path.insert(0, str(Path(__file__).parent))
+import fuzzing
+from fuzzing import ANYTHING, NAMES, NUMBERS, TRIED, fuzz, tried
 
-NUMBERS = st.one_of(
-    st.integers(),
-    st.floats(),
-    st.sampled_from(
-        [0, 1, -1, 4, 16, 0.25, 2**31, 2**32, 2**63, 1e300, 1e-300, True, np.int64(3), np.float32(0.5)]
-    ),
-)
-ANYTHING = st.one_of(
-    NUMBERS,
-    st.text(max_size=12),
-    st.sampled_from([None, b"", {}, 1j, object()]),
-    st.lists(NUMBERS, max_size=2),
-)
-NAMES = st.sampled_from(
-    [*zoo.ZOO, "fp", "pp", "spinup", "os:system", "a:b:c", ":", "x_mm", "gamma", "n_steps"]
-)
-JSON = st.recursive(
-    st.one_of(st.none(), st.booleans(), st.integers(), st.floats(), st.text(max_size=8), NAMES),
-    lambda inner: st.one_of(
-        st.lists(inner, max_size=3), st.dictionaries(st.text(max_size=8), inner, max_size=3)
-    ),
-    max_leaves=6,
-)
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _report(request):
-    TRIED.clear()
-    yield
-    terminal, capture = (
-        request.config.pluginmanager.getplugin(name) for name in ("terminalreporter", "capturemanager")
-    )
-    if terminal is not None:  # none in the workers of pytest-xdist
-        parts = [f"{kind} {number}" for kind, number in sorted(TRIED.items())]
-        with capture.global_and_fixture_disabled():
-            terminal.write_line(f"\n{TRIED.total()} inputs tried: {', '.join(parts)}")
-
-
-def one_sentence(text):
-    return bool(text) and "\n" not in text and "Traceback" not in text
-
-
-def tried(kind, call, *refusals):
-    """Call; one of `refusals`, if it comes, has to be a sentence. Returns the result, None if refused."""
-    try:
-        result = call()
-    except refusals as error:
-        assert one_sentence(str(error)), repr(error)
-        TRIED[f"{kind}, refused:"] += 1
-        return None
-    TRIED[f"{kind}, handled:"] += 1
-    return result
+_report = pytest.fixture(scope="module", autouse=True)(fuzzing.report)
 
 
 # Command lines
@@ -259,85 +200,3 @@ def test_reset_options(env, seed, options):
 @pytest.fixture
 def env(quick):
     return gym.make("usbench/FocalPoint-v0")
-
-
-# Record files
-
-
-@pytest.fixture
-def trial(finished, tmp_path):
-    """A finished trial, and a whole copy beside it that is put back after each example."""
-    whole = tmp_path / "whole"
-    shutil.copytree(finished, whole)
-    return finished, whole
-
-
-def read_all(folder):
-    """Everything that reads the records of a trial that may be a stranger's."""
-    records.read_state(folder)
-    for table in ("evaluations", "episodes"):
-        records.load(folder.parent, table)
-    results.collect(folder.parent)
-
-
-FILES = st.sampled_from([records.TRIAL, records.EPISODES, records.EVALUATIONS])
-
-
-@fuzz
-@given(name=FILES, where=st.floats(0, 1), junk=st.binary(max_size=20), cut=st.integers(0, 20))
-def test_record_files_with_changed_bytes(trial, name, where, junk, cut):
-    folder, whole = trial
-    content = (whole / name).read_bytes()
-    start = int(where * len(content))
-    (folder / name).write_bytes(content[:start] + junk + content[start + cut :])
-    before = contents(folder)
-    tried("record files", lambda: read_all(folder), ValueError, OSError)
-    assert contents(folder) == before
-    shutil.copy(whole / name, folder / name)
-
-
-@fuzz
-@given(name=FILES, where=st.integers(0, 10**6), value=JSON, drop=st.booleans())
-def test_record_files_with_other_values(trial, name, where, value, drop):
-    folder, whole = trial
-    lines = (whole / name).read_text().splitlines() if name != records.TRIAL else [(whole / name).read_text()]
-    row = json.loads(lines[where % len(lines)])
-    change(row, where, value, drop)
-    lines[where % len(lines)] = json.dumps(row)
-    (folder / name).write_text("\n".join(lines) + "\n")
-    tried("record files", lambda: read_all(folder), ValueError, OSError)
-    if name == records.TRIAL:
-        loaded = tried("models", lambda: load_agent(folder), ConfigurationError)
-        assert loaded is None or loaded.config.task in ("fp", "pp")
-    shutil.copy(whole / name, folder / name)
-
-
-def change(row, where, value, drop):
-    """Put `value` in one place of the nested `row`, or take that place away."""
-    places = []
-    waiting = [row]
-    while waiting:
-        inner = waiting.pop()
-        keys = list(inner) if isinstance(inner, dict) else range(len(inner))
-        places += [(inner, key) for key in keys]
-        waiting += [inner[key] for key in keys if isinstance(inner[key], dict | list)]
-    inner, key = places[where % len(places)]
-    if drop:
-        del inner[key]
-    else:
-        inner[key] = value
-
-
-def contents(folder):
-    return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
-
-
-@fuzz
-@given(where=st.floats(0, 1), junk=st.binary(max_size=20), cut=st.integers(0, 20))
-def test_model_files_with_changed_bytes(trial, where, junk, cut):
-    folder, whole = trial
-    content = (whole / records.MODEL).read_bytes()
-    start = int(where * len(content))
-    (folder / records.MODEL).write_bytes(content[:start] + junk + content[start + cut :])
-    tried("models", lambda: load_agent(folder), ConfigurationError)
-    shutil.copy(whole / records.MODEL, folder / records.MODEL)

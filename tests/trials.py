@@ -1,10 +1,11 @@
-"""Small trials of every algorithm, and what of them must have the same bits."""
+"""Small trials of every algorithm, how they end, and what of them must have the same bits."""
 
 import json
 
+import pytest
 import torch
 
-from usbench import records, runner
+from usbench import records, runner, training
 from usbench.agents import zoo
 
 LEARNERS = [algo for algo, row in zoo.ZOO.items() if row.learns]
@@ -49,3 +50,42 @@ def _numbers(value):
             yield from _numbers(item)
     else:
         yield value
+
+
+ENDED_AT = 44
+# Progress is told of whole episodes.
+FIRST_TOLD = 16
+
+
+class Killed(BaseException):
+    """Stands for SIGKILL: nothing in the project catches it (tests/faults sends the real one)."""
+
+
+class Until(training.Silent):
+    """Ends a trial at a step, and keeps the first step that it was told."""
+
+    def __init__(self, step=None, error=Killed):
+        self.step, self.error, self.first = step, error, None
+
+    def training(self, now, *_):
+        self.first = self.first or now
+        if now == self.step:
+            raise self.error
+
+
+def killing(*_):
+    raise Killed
+
+
+def ended(out, algo="vpg", step=ENDED_AT, error=Killed):
+    """Run a trial up to a step; return its folder."""
+    with pytest.raises(error):
+        runner.run_trial(config(algo), out, progress=Until(step, error))
+    return out / config(algo).folder_name
+
+
+def go_on(folder, algo="vpg"):
+    """Run the trial to its end; return the first step that was heard of."""
+    progress = Until()
+    assert not runner.run_trial(config(algo), folder.parent, progress=progress).skipped
+    return progress.first
