@@ -29,7 +29,7 @@ CANCEL_CHECK_S = 1.0
 PACKAGES = (*runner.PACKAGES, "distributed")
 # What comes back of a trial folder; TensorBoard's events lie one folder down. The state comes last: whoever
 # finds it finds the rest.
-FILES = (records.EPISODES, records.EVALUATIONS, records.MODEL, "tensorboard/*", records.TRIAL)
+FILES = (records.EPISODES, records.EVALUATIONS, records.MODEL, f"{records.TENSORBOARD}/*", records.TRIAL)
 Files = Mapping[str, bytes]
 
 
@@ -257,6 +257,4 @@ def _check_writable(out: Path) -> None:
         with tempfile.TemporaryFile(dir=out):
             pass
     except OSError as error:
-        raise ConfigurationError(
-            f"the output folder {str(out)!r} cannot be written ({error.strerror}): choose another with --out."
-        ) from error
+        raise records.unwritable(out, error) from error

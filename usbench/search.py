@@ -105,9 +105,7 @@ def _study(settings: Settings, out: Path) -> Any:
         folder.mkdir(parents=True, exist_ok=True)
         storage = JournalStorage(JournalFileBackend(str(folder / "study.journal")))
     except OSError as error:
-        raise ConfigurationError(
-            f"the output folder {str(out)!r} cannot be written ({error.strerror}): choose another with --out."
-        ) from error
+        raise records.unwritable(out, error) from error
     study = optuna.create_study(
         storage=storage, study_name=settings.algo, direction="maximize", load_if_exists=True
     )
