@@ -61,6 +61,18 @@ def ours(algo, hyperparameters):
     return zoo.make(algo, DummyVecEnv([lambda: suite.make_env("pp")]), 0, hyperparameters, device="cpu")
 
 
+def as_double(inputs):
+    return tuple(as_double(part) if isinstance(part, tuple) else part.double() for part in inputs)
+
+
+def in_double(*networks):
+    """Lets the networks compute in float64: where a gradient is nought, Adam moves as rounding says."""
+    for network in networks:
+        for module in network.double().modules():
+            if isinstance(module, (ConvTrunk, torch.nn.Conv2d, torch.nn.LSTM)):
+                module.register_forward_pre_hook(lambda _, inputs: as_double(inputs))
+
+
 def learnt(model, parameters):
     """How far learning takes the parameters."""
     before = [part.detach().clone() for part in parameters]
@@ -77,10 +89,11 @@ def test_stable_baselines_learns_the_same(quick, plain, algo):
     hyperparameters = zoo.hyperparameters(algo, "pp")
     hyperparameters |= {name: value for name, value in SMALL.items() if name in hyperparameters}
     here, there = ours(algo, hyperparameters), sb3.make(algo, "pp", hyperparameters)
+    in_double(here.policy, there.policy)
     parameters = [list(model.policy.parameters()) for model in (here, there)]
     assert all(torch.equal(*pair) for pair in zip(*parameters, strict=True))
     moved = [learnt(*pair) for pair in zip((here, there), parameters, strict=True)]
-    assert distance(*moved) <= 0.01
+    assert distance(*moved) <= 0.001
 
 
 def test_spinning_up_learns_the_same(quick, plain):
@@ -89,6 +102,7 @@ def test_spinning_up_learns_the_same(quick, plain):
 
     hyperparameters = zoo.hyperparameters("vpg", "pp") | {"n_steps": SMALL["n_steps"]}
     here, there = ours("vpg", hyperparameters), VPG(make_env("pp"), 0, **hyperparameters)
+    in_double(here.policy, there.policy, there.value)
     parameters = [
         [*here.policy.policy_parameters(), *here.policy.value_parameters()],
         [*there.policy.parameters(), *there.value.parameters()],
@@ -96,4 +110,4 @@ def test_spinning_up_learns_the_same(quick, plain):
     for first, second in zip(*parameters, strict=True):
         second.data.copy_(first)
     moved = [learnt(*pair) for pair in zip((here, there), parameters, strict=True)]
-    assert distance(*moved) <= 0.01
+    assert distance(*moved) <= 0.001
