@@ -48,7 +48,7 @@ def page(moment: Moment, steps: int, names: Sequence[str], title: str = "") -> I
 def facts(moment: Moment) -> tuple[str, str]:
     """Return reward, slip and distance in a line, and the return beside the optimum in another."""
     reached = "   at the goal" if moment.is_success else ""
-    slip = f"   then {moment.slip}" if moment.slip else ""
+    slip = f"   then slipped {moment.slip}" if moment.slip else ""
     return (
         f"reward {fixed(moment.reward)}   distance {moment.distance_mm:g} mm{slip}{reached}",
         f"return {fixed(moment.return_)}   optimum in this episode {fixed(moment.optimum)}",

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from usbench import suite
+from usbench import episode, suite
 from usbench.advice import Advice, Adviser
 from usbench.envs import oracle
 from usbench.envs.frames import frame_store
@@ -45,7 +45,7 @@ class Examination:
         self.guidance = suite.TASKS[task].guidance
         self.actions: list[int] = []
         self._seed = seed
-        self.optimum = _optimum(task, noise, seed)
+        self.optimum = episode.optimum(task, noise, seed)
         self.ask(agent)
 
     @property
@@ -125,30 +125,7 @@ class Examination:
     def _look(self, observation: Any, info: dict[str, Any]) -> None:
         self.pose = Pose(*(info[name] for name in ("x_mm", "focal_depth_mm", "angle_deg")))
         self.at_goal = bool(info["is_success"])
-        self.slip = _slip(info["noise"])
+        self.slip = episode.slip(info["noise"])
         self.advice: Advice | None = None
         if self._adviser is not None and not self.over:
             self.advice = self._adviser.advise(observation, info, len(self.actions))
-
-
-def _optimum(task: str, noise: float, seed: int) -> tuple[float, ...]:
-    """Return the optimal policy's return after 0, 1, .. steps of the episode of `seed`."""
-    plan = oracle.policy(task, noise)
-    env = suite.make_env(task, noise, n_frames=1)
-    _, info = env.reset(seed=seed)
-    returns, over = [0.0], False
-    while not over:
-        pose = (info["x_mm"], info["focal_depth_mm"], info["angle_deg"])
-        _, reward, _, over, info = env.step(plan.action(len(returns) - 1, pose))
-        returns.append(returns[-1] + float(reward))
-    return tuple(returns)
-
-
-def _slip(noise: dict[str, int]) -> str:
-    """Return what `info["noise"]` says in words; a slip that the border blocked moved nothing."""
-    words = {
-        "x_mm": lambda change: f"{abs(change)} mm to the {'right' if change > 0 else 'left'}",
-        "focal_depth_mm": lambda change: f"{abs(change)} mm {'deeper' if change > 0 else 'shallower'}",
-        "angle_deg": lambda change: f"{abs(change)}° {'clockwise' if change > 0 else 'counter-clockwise'}",
-    }
-    return ", ".join(words[name](change) for name, change in noise.items() if change)

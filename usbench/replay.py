@@ -11,8 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from usbench import film, records, suite
-from usbench.envs import oracle
+from usbench import episode, film, records, suite
 from usbench.envs.pose import Pose
 from usbench.journal import read_rows
 
@@ -85,11 +84,11 @@ def play(
     adviser: Adviser | None = None,
 ) -> Iterator[Moment]:
     """Yield what is seen at the start and after every recorded action."""
-    episode = suite.evaluation_episodes(task)[eval_episode]
+    planned = suite.evaluation_episodes(task)[eval_episode]
     names = action_names(task)
     env = suite.make_env(task, noise, n_frames=n_frames, render_mode="rgb_array")
-    observation, info = env.reset(seed=episode.seed, options=episode.options)
-    optima = _optimum(task, noise, episode)
+    observation, info = env.reset(seed=planned.seed, options=planned.options)
+    optima = episode.optimum(task, noise, planned.seed, planned.options)
     total, reward, name = 0.0, 0.0, "start"
     for step in range(len(actions) + 1):
         if step:
@@ -103,10 +102,10 @@ def play(
             action=name,
             reward=reward,
             return_=total,
-            optimum=next(optima),
+            optimum=optima[step],
             pose=Pose(*(info[key] for key in ("x_mm", "focal_depth_mm", "angle_deg"))),
             distance_mm=info["distance_mm"],
-            slip=_slip(info["noise"]),
+            slip=episode.slip(info["noise"]),
             is_success=info["is_success"],
             advice=asked.advise(observation, info, step) if asked else None,
         )
@@ -127,26 +126,3 @@ def write_gif(folder: Path) -> Path:
     names = action_names(config["task"])
     film.write(path, [film.page(moment, len(record["actions"]), names) for moment in moments])
     return path
-
-
-def _optimum(task: str, noise: float, episode: suite.EvaluationEpisode) -> Iterator[float]:
-    """Yield the running return of the optimal policy in an episode, from 0 at its start."""
-    plan = oracle.policy(task, noise)
-    env = suite.make_env(task, noise)
-    _, info = env.reset(seed=episode.seed, options=episode.options)
-    total, step, over = 0.0, 0, False
-    while not over:
-        yield total
-        pose = (info["x_mm"], info["focal_depth_mm"], info["angle_deg"])
-        _, reward, _, over, info = env.step(plan.action(step, pose))
-        total, step = total + float(reward), step + 1
-    yield total
-
-
-def _slip(noise: dict[str, int]) -> str:
-    """Return a displacement in words; one that the border blocked moved nothing."""
-    return ", ".join(
-        f"turned {change:+d}°" if name == "angle_deg" else f"slipped {change:+d} mm"
-        for name, change in noise.items()
-        if change
-    )

@@ -21,7 +21,7 @@ from usbench.results import Results
 from usbench.scores import SCORED
 
 # Pixels.
-REPLAY_WIDTH, FOOTER, MARGIN, TEXT_SIZE = 560, 16, 12, 15
+REPLAY_WIDTH, FOOTER, MARGIN, TEXT_SIZE, LINE = 560, 36, 12, 15, 20
 
 
 @dataclass(frozen=True)
@@ -178,19 +178,19 @@ def play(folder: Path, one: Shown) -> Replay:
 
 
 def _page(moment: Moment, steps: int) -> Image.Image:
-    """Return a small picture with one line below it: `film.page` has four, and text takes most of a film."""
+    """Return a small picture with two lines below it: `film.page` has four, and text takes most of a film."""
     picture = Image.fromarray(moment.picture)
     size = REPLAY_WIDTH, round(picture.height * REPLAY_WIDTH / picture.width)
     page = Image.new("RGB", (REPLAY_WIDTH, size[1] + FOOTER), scene.BACKGROUND)
     page.paste(picture.resize(size, Image.Resampling.LANCZOS), (0, 0))
     words = [
-        f"{moment.step}/{steps} {moment.action}{f', {moment.slip}' if moment.slip else ''}",
-        f"return {film.fixed(moment.return_)}",
-        f"optimum {film.fixed(moment.optimum)}",
+        f"{moment.step}/{steps} {moment.action}{f', slipped {moment.slip}' if moment.slip else ''}",
+        f"return {film.fixed(moment.return_)}    optimum {film.fixed(moment.optimum)}",
     ]
-    place = MARGIN, size[1] - MARGIN
     font = ImageFont.load_default(size=TEXT_SIZE)
-    ImageDraw.Draw(page).text(place, "    ".join(words), fill=scene.TEXT, font=font)
+    for number, line in enumerate(words):
+        place = MARGIN, size[1] - MARGIN + LINE * number
+        ImageDraw.Draw(page).text(place, line, fill=scene.TEXT, font=font)
     page.info["duration"] = film.LAST_STEP_MS if moment.step == steps else film.STEP_MS
     return page
 

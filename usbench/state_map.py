@@ -34,9 +34,8 @@ def draw(
     *,
     vmin: float,
     vmax: float,
-    marked: npt.NDArray[np.bool_] | None = None,
 ) -> Any:
-    """Draw an arrow for the action in every state on its shade; `marked` states are crossed.
+    """Draw an arrow for the action in every state on its shade.
 
     Args:
         axis: Where to.
@@ -45,7 +44,6 @@ def draw(
         shades: (n_states,), from `vmin` (white) to `vmax` (dark).
         vmin: See `shades`.
         vmax: See `shades`.
-        marked: (n_states,) or None.
 
     Returns:
         What a colour bar is made from.
@@ -65,8 +63,6 @@ def draw(
         angles="xy", scale_units="xy", scale=0.5, pivot="mid", width=0.006,
     )  # fmt: skip
     axis.plot(x[~moves], y[~moves], "o", color="black", markersize=4)
-    if marked is not None:
-        axis.plot(x[marked], y[marked], "x", color="#d55e00", markersize=7)
     axis.set(title=task.title, xlabel="position of the probe (mm)", ylabel=_LABELS[key])
     if key == "focal_depth_mm":
         axis.invert_yaxis()

@@ -1,0 +1,40 @@
+"""What a replay and a guide say of an episode: what the optimum would have got in it, and slips in words."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from usbench import suite
+from usbench.envs import oracle
+
+
+def optimum(
+    task: str, noise: float, seed: int, options: Mapping[str, int] | None = None
+) -> tuple[float, ...]:
+    """Return the return of the best policy that knows the pose, after 0, 1, .. steps.
+
+    Args:
+        task: Name of the task.
+        noise: Probability of a slip after each action.
+        seed: Of the episode: the same start and the same slips.
+        options: Start pose, as `reset` takes it; by default `seed` draws it.
+    """
+    plan = oracle.policy(task, noise)
+    env = suite.make_env(task, noise, n_frames=1)
+    _, info = env.reset(seed=seed, options=None if options is None else dict(options))
+    returns, over = [0.0], False
+    while not over:
+        pose = (info["x_mm"], info["focal_depth_mm"], info["angle_deg"])
+        _, reward, _, over, info = env.step(plan.action(len(returns) - 1, pose))
+        returns.append(returns[-1] + float(reward))
+    env.close()
+    return tuple(returns)
+
+
+def slip(noise: Mapping[str, Any]) -> str:
+    """Return what `info["noise"]` did in words, empty if nothing; what the border blocked moved nothing."""
+    words = {
+        "x_mm": lambda change: f"{abs(change)} mm to the {'right' if change > 0 else 'left'}",
+        "focal_depth_mm": lambda change: f"{abs(change)} mm {'deeper' if change > 0 else 'shallower'}",
+        "angle_deg": lambda change: f"{abs(change)}° {'clockwise' if change > 0 else 'counter-clockwise'}",
+    }
+    return ", ".join(words[name](change) for name, change in noise.items() if change)
