@@ -40,14 +40,20 @@ class Policy:
     Attributes:
         task: The task that it solves.
         actions: Best action in every pose with `step` steps done, (n_steps, n_states) int8, read-only.
-        best: Whether an action is as good as the best one, (n_steps, n_states, n_actions) bool, read-only.
+        costs: By how much the expected return of an action falls short of the best one's, 0 for the best,
+            (n_steps, n_states, n_actions), read-only.
         values: Expected return from there to the end, (n_steps + 1, n_states), read-only.
     """
 
     task: Task
     actions: npt.NDArray[np.int8]
-    best: npt.NDArray[np.bool_]
+    costs: npt.NDArray[np.float64]
     values: npt.NDArray[np.float64]
+
+    @property
+    def best(self) -> npt.NDArray[np.bool_]:
+        """Whether an action is as good as the best one, (n_steps, n_states, n_actions)."""
+        return np.asarray(self.costs == 0)
 
     def action(self, step: int, pose: Pose | tuple[int, int, int]) -> int:
         """Return the best action after `step` steps at `pose` (x_mm, focal_depth_mm, angle_deg)."""
@@ -109,17 +115,18 @@ def _returns(task: Task, noise: float, reward: str, target: Pose) -> Returns:
 @lru_cache(maxsize=256)
 def _policy(task: Task, noise: float, reward: str, target: Pose) -> Policy:
     """Backward induction: Q_t(s, a) = r(s') + E[V_t+1(s' displaced)], with s' the pose after a in s."""
-    best = np.zeros((task.n_steps, len(task.states), len(task.actions)), bool)
+    costs = np.zeros((task.n_steps, len(task.states), len(task.actions)))
     values = np.zeros((task.n_steps + 1, len(task.states)))
     for step in reversed(range(task.n_steps)):
         q = _action_values(task, noise, reward, target, values[step + 1], task.n_steps - step)
-        # Rounding must not decide between equally good actions, or the bits differ between machines.
-        best[step] = q >= q.max(axis=1, keepdims=True) - 1e-9
         values[step] = q.max(axis=1)
-    actions = np.argmax(best, axis=2).astype(np.int8)  # the first of them
-    for table in (actions, best, values):
+        best = values[step][:, np.newaxis]
+        # Rounding must not decide between equally good actions, or the bits differ between machines.
+        costs[step] = np.where(q >= best - 1e-9, 0.0, best - q)
+    actions = np.argmin(costs, axis=2).astype(np.int8)  # the first of the best
+    for table in (actions, costs, values):
         table.flags.writeable = False
-    return Policy(task, actions, best, values)
+    return Policy(task, actions, costs, values)
 
 
 def _values(

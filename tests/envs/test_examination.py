@@ -142,3 +142,11 @@ def test_the_stop_is_not_one_of_the_other_tasks_actions():
     with pytest.raises(ValueError, match="action must be a whole number from 0 to 6, not 7"):
         env = ExaminationEnv()
         env.step(STOP)
+
+
+@pytest.mark.parametrize(("step", "cost"), [(0, 24 * 0.25), (22, 2 * 0.25)])
+def test_a_stop_5_mm_off_costs_the_rewards_of_the_steps_left(step, cost):
+    # The best action goes to the goal and costs nothing from there on.
+    costs = policy("exam-stop").costs[step, EXAMINATION.indices[Pose(5, 50, 0)]]
+    assert costs[STOP] == pytest.approx(cost)
+    assert costs[1] == 0
