@@ -15,13 +15,17 @@ from usbench.agents.hyperparameters import check_seed
 Actions = np.ndarray[Any, np.dtype[np.int64]]
 STAY = 0
 STATE_KEYS = ("x_mm", "focal_depth_mm", "angle_deg")
+TARGET_KEYS = tuple(f"target_{key}" for key in STATE_KEYS)
 
 
 class Planner(Protocol):
     """What the oracle follows: a plan that knows where the probe is."""
 
-    def action(self, step: int, pose: tuple[int, int, int]) -> int:
-        """The action after `step` steps at the pose `(x_mm, focal_depth_mm, angle_deg)`."""
+    def action(self, step: int, pose: tuple[int, int, int], *target: tuple[int, int, int]) -> int:
+        """The action after `step` steps at the pose `(x_mm, focal_depth_mm, angle_deg)`.
+
+        `target` is the pose to be found, where episodes differ in it.
+        """
         ...
 
 
@@ -117,7 +121,8 @@ class Oracle(_NotLearned):
     """Follows a plan made with full knowledge: `predict` is given `info` in place of the observation.
 
     An `info` says the pose (`x_mm`, `focal_depth_mm`, `angle_deg`) and `step`, the number of steps already
-    done in the episode, 0 after reset.
+    done in the episode, 0 after reset; where episodes differ in the pose to be found, that one too
+    (`target_x_mm`, ...).
     """
 
     sees_state: ClassVar[bool] = True
@@ -140,5 +145,6 @@ class Oracle(_NotLearned):
             raise ValueError(
                 f"info must say {', '.join(('step', *STATE_KEYS))}; {', '.join(missing)} is missing."
             )
-        x_mm, focal_depth_mm, angle_deg = (int(info[key]) for key in STATE_KEYS)
-        return int(self.policy.action(int(info["step"]), (x_mm, focal_depth_mm, angle_deg)))
+        known = [keys for keys in (STATE_KEYS, TARGET_KEYS) if keys[0] in info]
+        pose, *target = ((int(info[x]), int(info[z]), int(info[angle])) for x, z, angle in known)
+        return int(self.policy.action(int(info["step"]), pose, *target))

@@ -47,7 +47,11 @@ ZOO: dict[str, Entry] = {
             "initial_value": -130.0,
             "adam_beta1": 0.0,
         },
-        tasks={"fp": {"gae_lambda": 0.95}, "pp": {"gae_lambda": 0.97}},
+        tasks={
+            "fp": {"gae_lambda": 0.95},
+            "pp": {"gae_lambda": 0.97},
+            "fp-random": {"gae_lambda": 0.95},
+        },
         presets={"spinup": {"n_value_steps": 80}},
     ),
     "a2c": Entry(

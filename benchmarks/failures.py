@@ -39,7 +39,7 @@ def main() -> None:
     parser.add_argument("--pairs", type=int, default=8, help="look-alikes per task (default 8)")
     parser.add_argument("--figure", type=Path, help="also draw the look-alikes here (PNG, SVG or PDF)")
     args = parser.parse_args()
-    known = {suite.TASKS[task].guidance: frames(task) for task in suite.TASKS}
+    known = {suite.TASKS[task].guidance: frames(task) for task in suite.PAPER}
     console = Console(width=110)
     for task, own in known.items():
         pairs = look_alikes.most_alike(task, own, args.pairs).round({"correlation": 3})

@@ -30,7 +30,7 @@ def main() -> None:
     args = parser.parse_args()
     torch.set_num_threads(1)  # as the command does
     session = Session(args.trial.parent, args.trial, seed=0)
-    for task in suite.TASKS:
+    for task in suite.PAPER:
         runner.prepare_frames(task)
     with guide_server.listening() as listener, sync_playwright() as playwright:
         server = guide_server.server(session)

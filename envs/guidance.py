@@ -113,6 +113,8 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 4}
     task: ClassVar[Task]
+    # The arguments that frames follow from.
+    scene: ClassVar[tuple[str, ...]] = ("phantom", "probe", "imaging")
 
     def __init__(
         self,

@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 
+import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
+from gymnasium.envs.registration import load_env_creator
 
-from usbench.envs.examination import EXAMINATION, EXAMINATION_STOP
-from usbench.envs.focal_point import FOCAL_POINT
-from usbench.envs.guidance import Task, check_noise, check_reward, unknown
+from usbench.envs.guidance import GuidanceEnv, Task, check_noise, check_reward, unknown
 from usbench.envs.pose import Move, Pose
-from usbench.envs.probe_plane import PROBE_PLANE
 
-TASKS = {task.name: task for task in (FOCAL_POINT, PROBE_PLANE, EXAMINATION, EXAMINATION_STOP)}
 PAPER_TARGET = Pose(0, 50, 0)
 
 
@@ -76,22 +74,46 @@ class Policy:
         return index
 
 
+class Planner:
+    """The best policies for every phantom that there may be; a plan is made when its phantom is met first."""
+
+    def __init__(self, task: str | Task, noise: float = 0.0) -> None:
+        """Nothing is planned yet; arguments and errors are those of `returns`."""
+        self._task, self._noise = _task(task), check_noise(noise)
+        self._policies: dict[Pose, Policy] = {}
+
+    def action(
+        self, step: int, pose: tuple[int, int, int], target: tuple[int, int, int] | None = None
+    ) -> int:
+        """Return the best action after `step` steps at `pose`; `target` is the paper's unless given."""
+        goal = PAPER_TARGET if target is None else Pose(*target)
+        if goal not in self._policies:
+            self._policies[goal] = policy(self._task, self._noise, target=goal)
+        return self._policies[goal].action(step, pose)
+
+
 def returns(
-    task: str | Task, noise: float = 0.0, reward: str = "normalized", target: Pose = PAPER_TARGET
+    task: str | Task,
+    noise: float = 0.0,
+    reward: str = "normalized",
+    target: Pose = PAPER_TARGET,
+    starts: tuple[Pose, ...] | None = None,
 ) -> Returns:
     """Return the expected returns of the optimal policy, of random actions and of staying.
 
     Args:
-        task: "fp", "pp" or a `Task`.
+        task: Its short name, "fp" for example, or a `Task`.
         noise: Probability of a displacement after each action.
         reward: "normalized" or "paper".
         target: The pose that shows the object best; the default is that of the paper's phantom.
+        starts: Where episodes begin; default: the task's starts, each as often as the others.
 
     Raises:
         TypeError: If `noise` is not a number.
         ValueError: If `task` or `reward` is unknown or `noise` outside [0, 1].
     """
-    return _returns(_task(task), check_noise(noise), check_reward(reward), target)
+    task = _task(task)
+    return _returns(task, check_noise(noise), check_reward(reward), target, starts or task.starts)
 
 
 def policy(
@@ -102,8 +124,8 @@ def policy(
 
 
 @lru_cache(maxsize=256)
-def _returns(task: Task, noise: float, reward: str, target: Pose) -> Returns:
-    starts = [task.indices[pose] for pose in task.starts]
+def _returns(task: Task, noise: float, reward: str, target: Pose, poses: tuple[Pose, ...]) -> Returns:
+    starts = [task.indices[pose] for pose in poses]
     stay = [action.move for action in task.actions].index(Move())
     uniform = np.full(len(task.actions), 1 / len(task.actions))
     idle = np.eye(len(task.actions))[stay]
@@ -167,6 +189,16 @@ def _transitions(task: Task) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]
 def _task(task: str | Task) -> Task:
     if isinstance(task, Task):
         return task
-    if not isinstance(task, str) or task not in TASKS:
-        raise unknown("task", task, tuple(TASKS))
-    return TASKS[task]
+    known = _tasks()
+    if not isinstance(task, str) or task not in known:
+        raise unknown("task", task, tuple(known))
+    return known[task]
+
+
+def _tasks() -> dict[str, Task]:
+    """Return the tasks of the environments that are registered here, by name."""
+    specs = [spec for spec in gym.registry.values() if spec.namespace == "usbench"]
+    classes = [load_env_creator(spec.entry_point) for spec in specs if isinstance(spec.entry_point, str)]
+    return {
+        cls.task.name: cls.task for cls in classes if isinstance(cls, type) and issubclass(cls, GuidanceEnv)
+    }

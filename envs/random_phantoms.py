@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from usbench.envs.focal_point import FOCAL_POINT
-from usbench.envs.guidance import GuidanceEnv
+from usbench.envs.guidance import COORDINATES, GuidanceEnv
 from usbench.envs.phantom import ObjectOfInterest, Phantom
 from usbench.envs.pose import Pose, whole_number
 from usbench.envs.probe_plane import PROBE_PLANE
@@ -60,6 +60,7 @@ class RandomPhantomEnv(GuidanceEnv):
     """
 
     distribution: ClassVar[PhantomDistribution]
+    scene = ("phantoms", "probe", "imaging")
 
     def __init__(self, *, phantoms: PhantomDistribution | None = None, **kwargs: Any) -> None:
         """Check the configuration; the first phantom comes with the first reset."""
@@ -98,7 +99,8 @@ class RandomPhantomEnv(GuidanceEnv):
         return super().reset(options=options)
 
     def _info(self, displaced: dict[str, int]) -> dict[str, Any]:
-        return {**super()._info(displaced), "phantom": self.phantom.seed}
+        target = {f"target_{name}": getattr(self.target, name) for name in COORDINATES}
+        return {**super()._info(displaced), "phantom": self.phantom.seed, **target}
 
 
 _ANGLES = tuple(range(0, 360, 15))
@@ -124,7 +126,8 @@ class FocalPointRandomEnv(RandomPhantomEnv):
     As in `FocalPointEnv`.
 
     ## Observation Space
-    As in `FocalPointEnv`; `info` also holds `phantom`, the number from which the phantom follows.
+    As in `FocalPointEnv`; `info` also holds `phantom`, the number from which the phantom follows, and the
+    pose that shows its object best: `target_x_mm`, `target_focal_depth_mm`, `target_angle_deg`.
 
     ## Rewards
     As in `FocalPointEnv`, relative to the object of the episode.
@@ -153,7 +156,8 @@ class ProbePlaneRandomEnv(RandomPhantomEnv):
     As in `ProbePlaneEnv`.
 
     ## Observation Space
-    As in `ProbePlaneEnv`; `info` also holds `phantom`, the number from which the phantom follows.
+    As in `ProbePlaneEnv`; `info` also holds `phantom`, the number from which the phantom follows, and the
+    pose that shows its object best: `target_x_mm`, `target_focal_depth_mm`, `target_angle_deg`.
 
     ## Rewards
     As in `ProbePlaneEnv`, relative to the object of the episode.

@@ -14,12 +14,13 @@ import numpy.typing as npt
 
 from usbench.envs.elevation import FAST_MATH
 from usbench.envs.response import BLOCK
-from usbench.envs.vector import weighted_sum
+from usbench.envs.vector import LANES, weighted_sum
 
 PHASE_BITS = 3
 N_PHASES = 1 << PHASE_BITS  # a delay is rounded to this part of an I/Q sample
 _N_FIR = 16
 _GROUP = 16  # pairs that are interpolated before they are filtered
+_ROOM = 1024  # for the parts of a group
 
 _interpolate, _add_interpolated = weighted_sum(2, add=False), weighted_sum(2)
 _clear = weighted_sum(0, add=False)
@@ -40,8 +41,10 @@ def accumulate(
     heard, columns = np.empty(n_lines, np.int64), np.empty(n_lines, np.int64)
     delay, filters = np.empty(n_lines, np.int64), np.empty(n_lines, np.int64)
     offset = np.empty(n_lines, np.float64)
-    most = n_lines * cells[:, :, 1].max()
-    source, weight = np.empty((most, 4), np.int64), np.empty((most, 4), np.float32)
+    n_group = max(1, min(_GROUP, _ROOM // max(1, cells[:, :, 1].max())))
+    # Rows: turns; weight of the next column; cosine and sine of the plane wave's advance to the next column,
+    # and downwards; then the weights that come of it: of the nearer column and of the next, complex.
+    source, scratch = np.empty((_ROOM, 4), np.int64), np.zeros((10, _ROOM), np.float32)
     for s in range(x.shape[0]):
         i, iy, wz = row[s], y_row[s], fraction[s]
         deeper = int(wz > np.float32(0.5))
@@ -55,42 +58,52 @@ def accumulate(
                 heard[n], columns[n], offset[n] = line, column, u
                 n += 1
 
-        n_items = 0
-        for m in range(n):
-            # Arrival: geometric delay in the plane, and what elevation adds.
-            column, line = columns[m], heard[m]
-            rho = math.sqrt(offset[m] * offset[m] + z[s] * z[s])
-            r = (rho + farther[i, column]) * distances_per_m
-            k = int(r)
-            beyond = np.float32(r - k)
-            way = 2.0 * rho + (path[iy, k] + beyond * (path[iy, k + 1] - path[iy, k]))
-            delay[m] = int(way * ticks_per_m + ticks_at_zero)
-            turns = way * turns_per_m
-            turn = np.float32(math.floor(turns) - turns)
-            filters[m] = k + (beyond > np.float32(0.5))
+        for group in range(0, n, n_group):
+            n_waves = min(n_group, n - group)
+            n_items = 0
+            for m in range(group, group + n_waves):
+                # Arrival: geometric delay in the plane, and what elevation adds.
+                column, line = columns[m], heard[m]
+                rho = math.sqrt(offset[m] * offset[m] + z[s] * z[s])
+                r = (rho + farther[i, column]) * distances_per_m
+                k = int(r)
+                beyond = np.float32(r - k)
+                way = 2.0 * rho + (path[iy, k] + beyond * (path[iy, k + 1] - path[iy, k]))
+                delay[m] = int(way * ticks_per_m + ticks_at_zero)
+                turns = way * turns_per_m
+                turn = np.float32(math.floor(turns) - turns)
+                filters[m] = k + (beyond > np.float32(0.5))
 
-            # Weights of the two columns, around the local plane wave of every part.
-            wu = np.float32(offset[m] * columns_per_m - column)
-            vu = np.float32(1) - wu
-            lobe = offset_turns[line] if x[s] < lines[line] else -offset_turns[line]
-            first = cells[i, column, 0]
-            for p in range(first, first + cells[i, column, 1]):
-                c, d = _cos_sin(turn + np.float32(parts[p, 6] * lobe) + waves[p, 0] * wu + waves[p, 1] * wz)
-                c, d = amplitudes[s] * c, amplitudes[s] * d
-                if deeper:
-                    c, d = c * waves[p, 3] + d * waves[p, 5], d * waves[p, 3] - c * waves[p, 5]
-                weight[n_items, 0], weight[n_items, 1] = vu * c, vu * d
-                weight[n_items, 2] = wu * (c * waves[p, 2] + d * waves[p, 4])
-                weight[n_items, 3] = wu * (d * waves[p, 2] - c * waves[p, 4])
-                start = parts[p, 4]
-                source[n_items, 0] = parts[p, 2 * deeper] + start
-                source[n_items, 1] = parts[p, 2 * deeper + 1] + start
-                source[n_items, 2], source[n_items, 3] = start - cells[i, column, 2], parts[p, 5]
-                n_items += 1
+                wu = np.float32(offset[m] * columns_per_m - column)
+                lobe = offset_turns[line] if x[s] < lines[line] else -offset_turns[line]
+                first = cells[i, column, 0]
+                for p in range(first, first + cells[i, column, 1]):
+                    scratch[0, n_items] = (
+                        turn + np.float32(parts[p, 6] * lobe) + waves[p, 0] * wu + waves[p, 1] * wz
+                    )
+                    scratch[1, n_items] = wu
+                    scratch[2, n_items], scratch[3, n_items] = waves[p, 2], waves[p, 4]
+                    scratch[4, n_items] = waves[p, 3] if deeper else np.float32(1)
+                    scratch[5, n_items] = waves[p, 5] if deeper else np.float32(0)
+                    start = parts[p, 4]
+                    source[n_items, 0] = parts[p, 2 * deeper] + start
+                    source[n_items, 1] = parts[p, 2 * deeper + 1] + start
+                    source[n_items, 2], source[n_items, 3] = start - cells[i, column, 2], parts[p, 5]
+                    n_items += 1
 
-        item = 0
-        for group in range(0, n, _GROUP):
-            n_waves = min(_GROUP, n - group)
+            # Weights of the two columns, around the local plane wave: a loop that becomes vectors.
+            amplitude = amplitudes[s]
+            for k in range((n_items + LANES - 1) // LANES * LANES):
+                c, d = _cos_sin(scratch[0, k])
+                c, d = amplitude * c, amplitude * d
+                c, d = c * scratch[4, k] + d * scratch[5, k], d * scratch[4, k] - c * scratch[5, k]
+                wu = scratch[1, k]
+                vu = np.float32(1) - wu
+                scratch[6, k], scratch[7, k] = vu * c, vu * d
+                scratch[8, k] = wu * (c * scratch[2, k] + d * scratch[3, k])
+                scratch[9, k] = wu * (d * scratch[2, k] - c * scratch[3, k])
+
+            item = 0
             for w in range(n_waves):
                 # The sum of the cell's parts, between zeros for the filter.
                 column, at = columns[group + w], w * wave_length + BLOCK
@@ -100,7 +113,7 @@ def accumulate(
                 if n_parts > 1:
                     _clear(wave_real, wave_imag, at, length, table_real, table_imag, (), ())
                 for _ in range(n_parts):
-                    a = weight[item, 0], weight[item, 1], weight[item, 2], weight[item, 3]
+                    a = scratch[6, item], scratch[7, item], scratch[8, item], scratch[9, item]
                     o = source[item, 0], source[item, 1]
                     if n_parts == 1:
                         _interpolate(wave_real, wave_imag, at, length, table_real, table_imag, o, a)
@@ -141,17 +154,18 @@ def accumulate(
 @numba.njit(fastmath=FAST_MATH, nogil=True, error_model="numpy", forceinline=True)
 def _cos_sin(turns):
     """Return cosine and sine of 2 pi `turns` (float32), by Taylor's series within an eighth of a turn."""
-    quarter = math.floor(turns * np.float32(4) + np.float32(0.5))
-    w = (turns - np.float32(quarter) * np.float32(0.25)) * np.float32(2 * math.pi)
+    quarter = np.floor(turns * np.float32(4) + np.float32(0.5))
+    w = (turns - quarter * np.float32(0.25)) * np.float32(2 * math.pi)
     w2 = w * w
     c = np.float32(1) - w2 * (np.float32(1 / 2) - w2 * (np.float32(1 / 24) - w2 * np.float32(1 / 720)))
     s = w * (
         np.float32(1) - w2 * (np.float32(1 / 6) - w2 * (np.float32(1 / 120) - w2 * np.float32(1 / 5040)))
     )
-    n = int(quarter)
-    odd = (n & 1) != 0
-    p, q = (-s if odd else c), (c if odd else s)
-    sign = np.float32(1 - (n & 2))
+    half = np.floor(quarter * np.float32(0.5))
+    odd = quarter - np.float32(2) * half  # 0 or 1, as is the next
+    opposite = half - np.float32(2) * np.floor(half * np.float32(0.5))
+    sign = np.float32(1) - np.float32(2) * opposite
+    p, q = (c, s) if odd == np.float32(0) else (-s, c)
     return sign * p, sign * q
 
 

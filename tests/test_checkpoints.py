@@ -2,7 +2,6 @@
 
 import hashlib
 import io
-import os
 import pickle
 import sys
 from pathlib import Path
@@ -179,28 +178,3 @@ def test_no_checkpoint_before_it_is_time(tmp_path):
     assert kept.due()
     kept.write(0, {})
     assert not kept.due()
-
-
-@pytest.mark.parametrize(
-    ("name", "damage"),
-    [
-        (records.EPISODES, broken),
-        (records.EPISODES, lambda path: path.unlink()),
-        (records.EVALUATIONS, lambda path: os.truncate(path, 100)),
-    ],
-)
-def test_damaged_records_of_a_finished_trial_are_refused_in_one_sentence(finished, name, damage):
-    damage(finished / name)
-    for read in (
-        lambda: runner.run_trial(runner.resolve("vpg", "pp", steps=128, noise=0.5), finished.parent),
-        lambda: records.load(finished.parent),
-    ):
-        with pytest.raises(ValueError, match=f"{name} is damaged"):
-            read()
-
-
-def test_checkpoints_that_a_kill_left_beside_a_finished_trial_are_removed(finished):
-    (finished / records.CHECKPOINTS).mkdir()
-    (finished / records.CHECKPOINTS / "000000000128.pt").touch()
-    runner.run_trial(runner.resolve("vpg", "pp", steps=128, noise=0.5), finished.parent)
-    assert not (finished / records.CHECKPOINTS).exists()

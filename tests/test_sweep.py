@@ -145,7 +145,7 @@ def test_workers_do_not_outlive_a_sweep_that_was_killed(tmp_path):
     script = tmp_path / "killed.py"
     script.write_text(code)
     env = {**os.environ, "PYTHONPATH": str(Path(__file__).parent)}
-    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, env=env, timeout=60)
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, env=env, timeout=300)
     worker = int(done.stdout)
     for _ in range(100):
         if not Path(f"/proc/{worker}").exists():

@@ -2,16 +2,10 @@
 
 from gymnasium.envs.registration import register, registry
 
+from usbench.tasks import ROWS
+
 __version__ = "0.1.0"
 
-# Entry points are strings, so that importing usbench imports neither the simulator nor torch.
-for _id, _entry_point, _n_steps in (
-    ("usbench/FocalPoint-v0", "usbench.envs.focal_point:FocalPointEnv", 16),
-    ("usbench/ProbePlane-v0", "usbench.envs.probe_plane:ProbePlaneEnv", 16),
-    ("usbench/FocalPointRandom-v0", "usbench.envs.random_phantoms:FocalPointRandomEnv", 16),
-    ("usbench/ProbePlaneRandom-v0", "usbench.envs.random_phantoms:ProbePlaneRandomEnv", 16),
-    ("usbench/Examination-v0", "usbench.envs.examination:ExaminationEnv", 24),
-    ("usbench/ExaminationStop-v0", "usbench.envs.examination:ExaminationStopEnv", 24),
-):
-    if _id not in registry:
-        register(id=_id, entry_point=_entry_point, max_episode_steps=_n_steps)
+for _row in ROWS.values():
+    if _row.env_id not in registry:
+        register(id=_row.env_id, entry_point=_row.entry_point, max_episode_steps=_row.n_steps)

@@ -52,10 +52,13 @@ def evaluated(agent: BaseAlgorithm, played: Sequence[Evaluation]) -> None:
 def strip(agent: BaseAlgorithm, played: Sequence[Evaluation]) -> npt.NDArray[np.uint8]:
     """Return the last frames of episodes side by side, (height_px, width) uint8, white between them."""
     env: Any = agent.get_env()
-    store = frame_store(*(env.get_attr(name)[0] for name in ("phantom", "probe", "imaging")))
-    frames = [
-        store.frame(Pose(row.final_x_mm, row.final_focal_depth_mm, row.final_angle_deg)) for row in played
-    ]
+    probe, imaging = (env.get_attr(name)[0] for name in ("probe", "imaging"))
+    frames = []
+    for row in played:
+        own = row.phantom is None
+        phantom = env.get_attr("phantom")[0] if own else env.get_attr("phantoms")[0].phantom(row.phantom)
+        pose = Pose(row.final_x_mm, row.final_focal_depth_mm, row.final_angle_deg)
+        frames.append(frame_store(phantom, probe, imaging).frame(pose))
     gap = np.full((len(frames[0]), GAP_PX), 255, np.uint8)
     parts = [part for frame in frames for part in (frame, gap)]
     return np.concatenate(parts[:-1], axis=1)

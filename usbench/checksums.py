@@ -18,7 +18,12 @@ def check(folder: Path, expected: Mapping[str, str]) -> None:
     """
     for name, checksum in expected.items():
         if not (folder / name).exists() or of(folder, [name])[name] != checksum:
-            raise ValueError(
-                f"{folder / name} is damaged, it is not what its trial wrote: bring it back, or remove the "
-                f"folder {folder.name} to run the trial again."
-            )
+            raise damaged(folder / name)
+
+
+def damaged(path: Path) -> ValueError:
+    """Return the error for a file of a trial that is not what the trial wrote."""
+    return ValueError(
+        f"{path} is damaged, it is not what its trial wrote: bring it back, or remove the folder "
+        f"{path.parent.name} to run the trial again."
+    )

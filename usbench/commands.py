@@ -60,11 +60,13 @@ def compare(args: argparse.Namespace) -> None:
                     # All at once, for workers that are still to come.
                     submitted=jobs or len(planned),
                 )
+    # First: damaged records make no leaderboard.
+    failed = sweep_console.failures(outcomes)
+    for line in failed:
+        print(line, file=sys.stderr)
     for path in comparison.report(planned, args.out, args.leaderboard):
         print(path)
-    failed = sweep_console.failures(outcomes)
     if failed:
-        print("\n".join(failed), file=sys.stderr)
         raise RuntimeError(
             f"{len(failed)} of {len(planned)} trials failed; the same command tries them again."
         )
@@ -134,7 +136,7 @@ def guide(args: argparse.Namespace) -> None:
     with guide_server.listening(args.port) as listener:
         session = Session(args.runs, args.trial, task=args.task, noise=args.noise, seed=args.seed)
         bars = console.Bars()
-        for task in suite.TASKS:
+        for task in suite.PAPER:
             runner.prepare_frames(task, bars.frames)
         bars.close()
         guide_server.serve(session, listener, browser=not args.no_browser)

@@ -57,7 +57,7 @@ def resolve(
             raise ValueError(f"n_frames must be a whole number in [1, {MAX_FRAMES}], not {n_frames}.")
     except (ValueError, TypeError) as error:
         raise ConfigurationError(str(error)) from error
-    plain = suite.make_env(task, noise).unwrapped
+    plain: Any = suite.make_env(task, noise).unwrapped
     return TrialConfig(
         task=task,
         algo=algo,
@@ -68,6 +68,6 @@ def resolve(
         hyperparameters=hyperparameters,
         environment={
             "id": suite.TASKS[task].env_id,
-            **{name: asdict(getattr(plain, name)) for name in ("phantom", "probe", "imaging")},
+            **{name: asdict(getattr(plain, name)) for name in plain.scene},
         },
     )

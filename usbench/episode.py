@@ -10,7 +10,7 @@ from usbench.envs import oracle
 def optimum(
     task: str, noise: float, seed: int, options: Mapping[str, int] | None = None
 ) -> tuple[float, ...]:
-    """Return the return of the best policy that knows the pose, after 0, 1, .. steps.
+    """Return the return of the best policy that knows the pose, after 0, 1, .. steps to the task's last.
 
     Args:
         task: Name of the task.
@@ -18,16 +18,17 @@ def optimum(
         seed: Of the episode: the same start and the same slips.
         options: Start pose, as `reset` takes it; by default `seed` draws it.
     """
-    plan = oracle.policy(task, noise)
-    env = suite.make_env(task, noise, n_frames=1)
+    env: Any = suite.make_env(task, noise, n_frames=1)
     _, info = env.reset(seed=seed, options=None if options is None else dict(options))
+    plan = oracle.policy(task, noise, target=env.unwrapped.target)
     returns, over = [0.0], False
     while not over:
         pose = (info["x_mm"], info["focal_depth_mm"], info["angle_deg"])
-        _, reward, _, over, info = env.step(plan.action(len(returns) - 1, pose))
+        _, reward, stopped, truncated, info = env.step(plan.action(len(returns) - 1, pose))
         returns.append(returns[-1] + float(reward))
+        over = stopped or truncated
     env.close()
-    return tuple(returns)
+    return (*returns, *[returns[-1]] * (plan.task.n_steps + 1 - len(returns)))
 
 
 def slip(noise: Mapping[str, Any]) -> str:

@@ -3,6 +3,7 @@
 import contextlib
 import random
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any, Protocol
 
 import gymnasium as gym
@@ -17,6 +18,8 @@ from usbench.records import Evaluation
 ACTION_SEED = 20_190_001
 
 POSE_KEYS = ("x_mm", "focal_depth_mm", "angle_deg")
+# In `info` where every episode has a phantom of its own.
+PHANTOM_KEYS = ("phantom", "target_x_mm", "target_focal_depth_mm", "target_angle_deg")
 
 
 class Agent(Protocol):
@@ -65,6 +68,7 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
         self._origin = self.unwrapped.np_random.bit_generator.state if seed is None else seed
         observation, info = self.env.reset(seed=seed, options=options)
         self._start = {f"start_{key}": int(info[key]) for key in POSE_KEYS}
+        self._start |= {key: int(info[key]) for key in PHANTOM_KEYS if key in info}
         self._return = 0.0
         self._to_goal: int | None = None
         self._actions: list[int] = []
@@ -101,10 +105,10 @@ class Evaluator:
     def __init__(self, task: str, noise: float, n_frames: int) -> None:
         """Make one environment per episode of the suite's list."""
         self.episodes = suite.evaluation_episodes(task)
-        self._facts: list[dict[str, Any]] = []
+        self._facts: dict[int, dict[str, Any]] = {}
         self._envs = [
-            Recorder(suite.make_env(task, noise, n_frames=n_frames), self._facts.append)
-            for _ in self.episodes
+            Recorder(suite.make_env(task, noise, n_frames=n_frames), partial(self._facts.__setitem__, number))
+            for number in range(len(self.episodes))
         ]
 
     def play(self, agent: Agent, *, checkpoint: int, step: int, deterministic: bool) -> list[Evaluation]:
@@ -136,16 +140,18 @@ class Evaluator:
         ]
         observations, infos = [list(column) for column in zip(*starts, strict=True)]
         state, first, step = None, np.ones(len(self._envs), dtype=bool), 0
-        # Every episode has the same length (TimeLimit, never terminated), so the batch stays whole.
+        # The batch stays whole: what is advised for an episode that its agent has ended is not done.
         while len(self._facts) < len(self._envs):
             seen = [{**info, "step": step} for info in infos] if sees_state else np.stack(observations)
             actions, state = agent.predict(
                 seen, state=state, episode_start=first, deterministic=deterministic
             )
             for k, env in enumerate(self._envs):
+                if k in self._facts:
+                    continue
                 observations[k], _, _, _, infos[k] = env.step(int(actions[k]))
             first, step = np.zeros(len(self._envs), dtype=bool), step + 1
-        return list(self._facts)
+        return [self._facts[number] for number in range(len(self._envs))]
 
     def close(self) -> None:
         """Close the environments."""

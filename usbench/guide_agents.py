@@ -88,7 +88,7 @@ def open_trial(trial: Known, task: str) -> Opened:
 def open_oracle(task: str, noise: float) -> Opened:
     """Return the exact optimum as an agent: it knows where the probe and the object are."""
     env = suite.make_env(task, noise)
-    return Opened(Adviser(zoo.make("oracle", env, 0, {}, policy=oracle.policy(task, noise))))
+    return Opened(Adviser(zoo.make("oracle", env, 0, {}, policy=oracle.Planner(task, noise))))
 
 
 def _title(task: str) -> str:
@@ -101,7 +101,7 @@ def _known(folder: Path) -> Known | None:
         state = records.read_state(folder)
         config, score = state["config"], _score(folder, state)
         algo, task, noise = str(config["algo"]), config["task"], float(config["noise"])
-        if task not in suite.TASKS or not (folder / records.MODEL).is_file():
+        if task not in suite.PAPER or not (folder / records.MODEL).is_file():
             return None
         if algo in zoo.ZOO and not zoo.ZOO[algo].learns:
             return None

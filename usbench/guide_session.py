@@ -138,7 +138,7 @@ class Session:
             self.message = f"Trained: {self._label()} advises from now on."
 
     def _choices(self) -> dict[str, Any]:
-        tasks = {name: row.guidance.title for name, row in suite.TASKS.items()}
+        tasks = {name: suite.TASKS[name].guidance.title for name in suite.PAPER}
         agents = [
             {"name": trial.name, "label": trial.label, "task": trial.task} for trial in self._trials.values()
         ]
@@ -192,8 +192,8 @@ class Session:
 
 
 def _task(task: Any) -> str:
-    if not isinstance(task, str) or task not in suite.TASKS:
-        raise ConfigurationError(str(unknown("task", task, suite.TASKS)))
+    if not isinstance(task, str) or task not in suite.PAPER:
+        raise ConfigurationError(str(unknown("task", task, suite.PAPER)))
     return task
 
 

@@ -118,7 +118,7 @@ def _build(config: TrialConfig) -> Any:
     model_class = zoo.model_class(config.algo)
     kwargs: dict[str, Any] = {"device": "cpu"} if issubclass(model_class, BaseAlgorithm) else {}
     if getattr(model_class, "sees_state", False):
-        kwargs["policy"] = oracle.policy(config.task, config.noise)
+        kwargs["policy"] = oracle.Planner(config.task, config.noise)
     return zoo.make(config.algo, env, config.seed, hyperparameters, **kwargs)
 
 

@@ -131,7 +131,7 @@ def learning_curve_figure(folder: Path) -> Figure:
         f"{config['algo']} on {config['task']}, noise {config['noise']:g}, seed {config['seed']}", fontsize=11
     )
     axes.set_xlabel("training steps")
-    axes.set_ylabel("return per episode (sum of 16 rewards)")
+    axes.set_ylabel("return per episode (sum of its rewards)")
     axes.grid(alpha=0.3)
     figure.legend(fontsize=8, loc="outside lower center", ncols=3)
     span = anchors["optimal"] - anchors["random"]

@@ -25,6 +25,7 @@ SCHEMA = 1
 STATUSES = ("running", "interrupted", "failed", "finished")
 TRIAL, EPISODES, EVALUATIONS, MODEL = "trial.json", "episodes.jsonl", "evaluations.jsonl", "model.zip"
 TENSORBOARD, CHECKPOINTS = "tensorboard", "checkpoints"
+_OF_A_PHANTOM = ("phantom", "target_x_mm", "target_focal_depth_mm", "target_angle_deg")
 _EARLIER = re.compile(r"\.earlier-\d+$")
 
 
@@ -83,6 +84,8 @@ class Episode:
         final_sin_angle: Sine of the angle between image plane and object.
         is_success: Whether the final pose is the goal.
         steps_to_goal: Steps until the goal was first reached, None if it never was.
+        phantom: Number of the episode's phantom, where each has its own; only then in files.
+        target_x_mm: Pose that shows its object best, like the two after it.
     """
 
     episode: int
@@ -98,10 +101,18 @@ class Episode:
     final_sin_angle: float
     is_success: bool
     steps_to_goal: int | None
+    phantom: int | None = None
+    target_x_mm: int | None = None
+    target_focal_depth_mm: int | None = None
+    target_angle_deg: int | None = None
 
     def as_row(self) -> dict[str, Any]:
         """Return the line of the record file, as a dictionary."""
-        return {key.rstrip("_"): value for key, value in asdict(self).items()}
+        row = {key.rstrip("_"): value for key, value in asdict(self).items()}
+        if self.phantom is None:
+            for key in _OF_A_PHANTOM:
+                del row[key]
+        return row
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -108,17 +108,22 @@ def _seen(runs: Path, known: Results, tell: Tell) -> dict[str, Any]:
     """Return what is looked at, agent by agent, and what agents see."""
     chosen = report_agents.shown(known)
     tell("looking at the frames")
-    poses = {task: report_poses.look(task) for task in sorted({one.task for one in chosen})}
+    tasks = sorted({one.task for one in chosen})
+    poses = {task: report_poses.look(task) for task in tasks if not report_poses.silence(task)}
     cards = []
     for number, one in enumerate(chosen, 1):
         tell(f"agent {number} of {len(chosen)}: {one.agent} on {one.task}")
-        cards.append(report_agents.card(runs, one, poses[one.task]))
-    titles = {task: own.task.title for task, own in poses.items()}
+        cards.append(report_agents.card(runs, one, poses.get(one.task)))
+    titles = {task: suite.TASKS[task].guidance.title for task in tasks}
     return {
         "titles": titles,
         "cards": cards,
         "accuracy": report_agents.accuracy_table(cards, titles, report_poses.ALIKE),
-        "other_frames": [one.trial for one in chosen if not poses[one.task].digest.startswith(one.frames)],
+        "other_frames": [
+            one.trial
+            for one in chosen
+            if one.task in poses and not poses[one.task].digest.startswith(one.frames)
+        ],
         "overview": report_poses.overview(poses) if poses else None,
         "pairs": {task: report_poses.pairs(own) for task, own in poses.items()},
     }

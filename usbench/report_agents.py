@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
-from usbench import film, records, replay, report_pictures, scores, state_map, suite
+from usbench import film, records, replay, report_pictures, report_poses, scores, state_map, suite
 from usbench.envs import scene
 from usbench.envs.pose import Pose
 from usbench.records import ConfigurationError
@@ -103,11 +103,13 @@ def shown(known: Results) -> list[Shown]:
     return sorted(chosen, key=lambda one: (one.task, not one.learns, -one.score, one.agent))
 
 
-def card(runs: Path, one: Shown, poses: Poses) -> Card:
-    """Return what there is to see of an agent; its trials are folders in `runs`."""
+def card(runs: Path, one: Shown, poses: Poses | None) -> Card:
+    """Return what there is to see of an agent; its trials are folders in `runs`; no map without `poses`."""
     found = Card(one, play(runs / one.trial, one))
     if not one.learns:
         return found
+    if poses is None:
+        return replace(found, silence=report_poses.silence(one.task))
     missing = [trial for trial in one.trials if not (runs / trial / records.MODEL).is_file()]
     if missing:
         return replace(found, silence=f"{missing[0]} has no weights ({records.MODEL}).")

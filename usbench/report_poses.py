@@ -43,6 +43,16 @@ class Poses:
     alike: npt.NDArray[np.bool_]
 
 
+def silence(task: str) -> str:
+    """Return why there is no map of a task, in a sentence; empty where there is one."""
+    row = suite.TASKS[task]
+    if row.phantoms:
+        return "There is no map of actions: what is seen from a pose is another frame in every phantom."
+    if len(state_map.coordinates(row.guidance)) > 1:
+        return "There is no map of actions: a page has two dimensions, and this task's poses have three."
+    return ""
+
+
 def look(task: str) -> Poses:
     """Return what is seen in the states of a task; frames that are not on disk are simulated."""
     env = suite.make_env(task).unwrapped

@@ -2,6 +2,7 @@
 
 import contextlib
 import gc
+import hashlib
 import logging
 import platform
 from collections.abc import Callable, Iterator
@@ -20,9 +21,9 @@ from usbench import checksums, records, suite
 from usbench.atomic import atomic_path, remove_leftovers
 from usbench.checkpoints import Checkpoints, interval
 from usbench.configuration import PACKAGES, resolve
-from usbench.envs import oracle
 from usbench.envs.frames import frame_store
 from usbench.evaluation import Evaluator
+from usbench.finished import is_finished
 from usbench.journal import Journal
 from usbench.learning import Learning, machine, make_agent
 from usbench.lock import locked
@@ -52,12 +53,20 @@ class Result:
 
 
 def prepare_frames(task: str, report: Callable[[int, int], None] | None = None) -> dict[str, Any]:
-    """Simulate the frames of every pose that the task can reach, unless kept; return what identifies them."""
+    """Simulate the frames of every pose that the task can reach, unless kept; return what identifies them.
+
+    They are those of the evaluation's phantoms, where training has others.
+    """
     plain: Any = suite.make_env(task).unwrapped
     states = suite.TASKS[task].guidance.states
-    store = frame_store(plain.phantom, plain.probe, plain.imaging)
-    store.prepare(states, report)
-    return {"digest": store.digest(states), "poses": len(states)}
+    phantoms = suite.evaluation_phantoms(task)
+    digests = []
+    for phantom in phantoms:
+        store = frame_store(phantom, plain.probe, plain.imaging)
+        store.prepare(states, report)
+        digests.append(store.digest(states))
+    together = digests[0] if len(digests) == 1 else hashlib.sha256("".join(digests).encode()).hexdigest()
+    return {"digest": together, "poses": len(phantoms) * len(states)}
 
 
 def run_trial(
@@ -75,7 +84,7 @@ def run_trial(
     """
     folder = out / config.folder_name
     seconds = interval()
-    if not overwrite and _is_finished(folder):
+    if not overwrite and is_finished(config, out):
         return Result(folder, skipped=True)
     with contextlib.ExitStack() as held:
         try:
@@ -83,7 +92,7 @@ def run_trial(
         except OSError as error:
             raise records.unwritable(out, error) from error
         # Again: another process may have finished it meanwhile.
-        if not overwrite and _is_finished(folder):
+        if not overwrite and is_finished(config, out):
             return Result(folder, skipped=True)
         # One thread per trial: as fast on frames of this size, and the bits do not depend on the machine.
         torch.set_num_threads(1)
@@ -96,27 +105,13 @@ def run_trial(
     return Result(folder, skipped=False)
 
 
-def _is_finished(folder: Path) -> bool:
-    """Return whether a trial is finished, its records whole; what it needs no more is removed.
-
-    Raises:
-        ValueError: If its records are damaged.
-    """
-    state = records.read_state(folder)
-    if state.get("status") != "finished":
-        return False
-    checksums.check(folder, state.get("checksums", {}))
-    Checkpoints(folder, 0.0).clear()
-    return True
-
-
 class _Trial:
     """A trial while it runs: its folder, its models and the state that `trial.json` shows."""
 
     def __init__(self, config: TrialConfig, out: Path, checkpoints: Checkpoints, progress: Progress) -> None:
         self.config, self.out, self.folder = config, out, out / config.folder_name
         self.checkpoints, self.progress = checkpoints, progress
-        self.anchors = oracle.returns(config.task, config.noise)
+        self.anchors = suite.anchors(config.task, config.noise)
         self.agent: Any = None
         self.stopwatch = Stopwatch()
         self.state: dict[str, Any] = {

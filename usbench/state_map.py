@@ -12,9 +12,14 @@ _LABELS = {"focal_depth_mm": "focal depth (mm)", "angle_deg": "angle (degrees)"}
 _UNITS = {"focal_depth_mm": "{} mm deep", "angle_deg": "{} degrees"}
 
 
+def coordinates(task: Task) -> list[str]:
+    """Return which of `focal_depth_mm` and `angle_deg` vary beside the position."""
+    return [key for key in _LABELS if len({getattr(pose, key) for pose in task.states}) > 1]
+
+
 def coordinate(task: Task) -> str:
-    """Return the coordinate that varies beside the position: `focal_depth_mm` or `angle_deg`."""
-    varying = [key for key in _LABELS if len({getattr(pose, key) for pose in task.states}) > 1]
+    """Return the only coordinate that varies beside the position: `focal_depth_mm` or `angle_deg`."""
+    varying = coordinates(task)
     if len(varying) != 1:
         raise ValueError(f"task {task.name!r} has no flat map: {', '.join(varying) or 'nothing'} varies.")
     return varying[0]
@@ -22,8 +27,9 @@ def coordinate(task: Task) -> str:
 
 def name(task: Task, state: int) -> str:
     """Return a state in words, as "x 5 mm, 15 degrees"."""
-    pose, key = task.states[state], coordinate(task)
-    return f"x {pose.x_mm} mm, {_UNITS[key].format(getattr(pose, key))}"
+    pose = task.states[state]
+    others = [_UNITS[key].format(getattr(pose, key)) for key in coordinates(task)]
+    return ", ".join([f"x {pose.x_mm} mm", *others])
 
 
 def draw(

@@ -125,7 +125,7 @@ def figure(still: Still) -> Figure:
     values, norm, label = _shades(still)
     to_scale = still.kind != "rf"
     # Tall enough that no period of RF falls between two pixels.
-    drawn = Figure(figsize=(4.6, 7.0) if to_scale else (5.6, 14.0), dpi=150, layout="constrained")
+    drawn = Figure(figsize=(5.0, 7.0) if to_scale else (5.6, 14.0), dpi=150, layout="constrained")
     axes = drawn.add_subplot()
     shown = axes.imshow(
         values,
@@ -138,7 +138,11 @@ def figure(still: Still) -> Figure:
     axes.set_xlabel("lateral position (mm)")
     if to_scale:
         axes.set_ylabel("depth (mm)")
-        axes.plot(right, still.pose.focal_depth_mm, marker=8, color="#d55e00", markersize=9, clip_on=False)
+        if still.pose.focal_depth_mm <= still.rows[1]:
+            axes.annotate(
+                "◀ focus", (right, still.pose.focal_depth_mm), xytext=(2, 0), textcoords="offset points",
+                color="#d55e00", fontsize=9, va="center", annotation_clip=False,
+            )  # fmt: skip
     else:
         axes.set_ylabel("time (µs)")
     title = {"frame": "B-mode frame", "envelope": "Envelope", "rf": "RF"}[still.kind]

@@ -1,5 +1,6 @@
-"""The tasks of the benchmark, one literal row each: environment, step budget, evaluation episodes."""
+"""The tasks of the benchmark with all that follows from their rows: environments, episodes, anchors."""
 
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from types import MappingProxyType
@@ -7,66 +8,113 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.envs.registration import load_env_creator
 
-import usbench  # noqa: F401  (registers the environments)
-from usbench.envs.focal_point import FOCAL_POINT
+from usbench.envs import oracle
 from usbench.envs.guidance import Task as GuidanceTask
+from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Pose
-from usbench.envs.probe_plane import PROBE_PLANE
+from usbench.envs.random_phantoms import FIRST_HELD_OUT
 from usbench.envs.wrappers import ImageStack, NormalizeImage
+from usbench.tasks import PAPER, ROWS, Row
 
 # Evaluation seeds have 64 bits and training seeds 32 (SB3's `seed`): the two never meet.
 EVALUATION_ENTROPY = 20_190_000
 
+__all__ = [
+    "PAPER",
+    "TASKS",
+    "EvaluationEpisode",
+    "Task",
+    "anchors",
+    "checkpoints",
+    "evaluation_episodes",
+    "evaluation_phantoms",
+    "make_env",
+]
 
-@dataclass(frozen=True)
-class Task:
-    """One row of the suite.
+
+@dataclass(frozen=True, kw_only=True)
+class Task(Row):
+    """A row of the table, and the task that its environment sets.
 
     Attributes:
-        env_id: Gymnasium id of the environment.
         guidance: Title, actions, starts, noise and reward of the environment.
-        steps: Training budget in environment steps (251 updates of 64 steps in the paper).
-        checkpoints: Evaluations after the one before training, spread evenly over the budget.
-        repeats: Evaluation episodes from each start pose.
     """
 
-    env_id: str
     guidance: GuidanceTask
-    steps: int = 16_064
-    checkpoints: int = 10
-    repeats: int = 1
 
 
 @dataclass(frozen=True)
 class EvaluationEpisode:
-    """One entry of the fixed evaluation list: its number, the environment's seed and the start pose."""
+    """One entry of the fixed evaluation list: its number, the environment's seed, start pose and phantom.
+
+    The phantom is None where the environment has but one.
+    """
 
     number: int
     seed: int
     start: Pose
+    phantom: int | None = None
 
     @property
     def options(self) -> dict[str, int]:
-        """The start pose as `reset` takes it."""
-        return asdict(self.start)
+        """Start pose and phantom as `reset` takes them."""
+        return asdict(self.start) | ({} if self.phantom is None else {"phantom": self.phantom})
+
+
+def _guidance(row: Row) -> GuidanceTask:
+    environment: Any = load_env_creator(row.entry_point)
+    return environment.task  # type: ignore[no-any-return]
 
 
 TASKS: Mapping[str, Task] = MappingProxyType(
-    {
-        "fp": Task("usbench/FocalPoint-v0", FOCAL_POINT, repeats=6),
-        "pp": Task("usbench/ProbePlane-v0", PROBE_PLANE, repeats=2),
-    }
+    {name: Task(**asdict(row), guidance=_guidance(row)) for name, row in ROWS.items()}
 )
 
 
 def evaluation_episodes(task: str) -> tuple[EvaluationEpisode, ...]:
-    """Return the fixed evaluation list of a task: every start pose, `repeats` times."""
-    starts = [start for start in TASKS[task].guidance.starts for _ in range(TASKS[task].repeats)]
+    """Return the fixed evaluation list of a task: its starts, `repeats` times, with phantoms taking turns."""
+    row = TASKS[task]
+    known = row.guidance.starts
+    if row.drawn_starts:
+        order = np.random.default_rng(EVALUATION_ENTROPY).permutation(len(known))
+        known = tuple(known[k] for k in order[: row.drawn_starts])
+    starts = [start for start in known for _ in range(row.repeats)]
     seeds = np.random.SeedSequence(EVALUATION_ENTROPY).generate_state(len(starts), np.uint64)
+    phantoms = [FIRST_HELD_OUT + k for k in range(row.phantoms)] or [None]
     return tuple(
-        EvaluationEpisode(number, int(seed), start)
+        EvaluationEpisode(number, int(seed), start, phantoms[number % len(phantoms)])
         for number, (seed, start) in enumerate(zip(seeds, starts, strict=True))
+    )
+
+
+def evaluation_phantoms(task: str) -> tuple[Phantom, ...]:
+    """Return the phantoms of a task's evaluation."""
+    plain: Any = make_env(task).unwrapped
+    numbers = range(FIRST_HELD_OUT, FIRST_HELD_OUT + TASKS[task].phantoms)
+    return tuple(plain.phantoms.phantom(number) for number in numbers) or (plain.phantom,)
+
+
+def anchors(task: str, noise: float) -> oracle.Returns:
+    """Return what the optimum, a random and an idle hand expect of an evaluation episode, exactly.
+
+    The mean over the list of what each episode's phantom and start promise. Where every start is in it and
+    the phantom is the paper's, that is the mean over the starts.
+    """
+    row = TASKS[task]
+    if not row.phantoms and not row.drawn_starts:
+        return oracle.returns(task, noise)
+    phantoms, starts = evaluation_phantoms(task), defaultdict(list)
+    for episode in evaluation_episodes(task):
+        starts[phantoms[(episode.phantom or FIRST_HELD_OUT) - FIRST_HELD_OUT].target].append(episode.start)
+    found = [
+        asdict(oracle.returns(row.guidance, noise, target=target, starts=tuple(own)))
+        for target, own in starts.items()
+    ]
+    weights = [len(own) for own in starts.values()]
+    return oracle.Returns(
+        **{name: float(np.average([one[name] for one in found], weights=weights)) for name in found[0]}
     )
 
 

@@ -18,6 +18,7 @@ from queue import SimpleQueue
 from typing import Any, NoReturn, Protocol
 
 from usbench import records, runner
+from usbench.finished import is_finished
 from usbench.records import ConfigurationError, TrialConfig
 
 RETRIES = 2
@@ -77,19 +78,23 @@ def run(
         submitted: Trials that are handed over at a time, where `executor` keeps a queue of its own.
 
     Returns:
-        How each trial ended, those that were finished before first.
+        How each trial ended, those that were finished before, or damaged since, first.
 
     Raises:
         ConfigurationError: If `out` cannot be written.
         KeyboardInterrupt: After the running trials have kept their state.
     """
-    outcomes = [Outcome(config, None) for config in configs if _is_finished(config, out)]
-    finished = {outcome.config.folder_name for outcome in outcomes}
-    missing = [config for config in configs if config.folder_name not in finished]
+    known = {config.folder_name: _known(config, out) for config in configs}
+    outcomes = [outcome for outcome in known.values() if outcome is not None]
+    damaged = [outcome for outcome in outcomes if outcome.reason is not None]
+    missing = [config for config in configs if known[config.folder_name] is None]
     # Once, before the workers start: they would all simulate the same frames.
     for task in dict.fromkeys(config.task for config in missing):
         runner.prepare_frames(task, progress.frames)
-    progress.started(len(missing), len(outcomes), _expected_seconds(missing, out, jobs))
+    n_finished = len(outcomes) - len(damaged)
+    progress.started(len(missing) + len(damaged), n_finished, _expected_seconds(missing, out, jobs))
+    for outcome in damaged:
+        progress.ended(outcome)
     others = set(multiprocessing.active_children())
     slots = [executor() for _ in range(min(submitted or jobs, len(missing)))]
     try:
@@ -124,6 +129,7 @@ def _outcomes(
             try:
                 future = slots[slot].submit(work, config, out)
             except BrokenExecutor:  # it died between two trials
+                slots[slot].shutdown()
                 slots[slot] = executor()
                 future = slots[slot].submit(work, config, out)
             running[future] = config, slot
@@ -134,7 +140,7 @@ def _outcomes(
         try:
             reason = future.result()
         except BrokenExecutor:
-            slots[slot].shutdown(wait=False)
+            slots[slot].shutdown()
             slots[slot] = executor()
             deaths[config.folder_name] += 1
             if deaths[config.folder_name] <= RETRIES:
@@ -195,12 +201,12 @@ def _stoppable() -> Iterator[None]:
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
-def _is_finished(config: TrialConfig, out: Path) -> bool:
-    """Return whether the trial is finished; one with a broken record is run, and then says so."""
+def _known(config: TrialConfig, out: Path) -> Outcome | None:
+    """Return how a trial ended before: finished, or damaged since then; None if it is to be run."""
     try:
-        return bool(records.read_state(out / config.folder_name).get("status") == "finished")
-    except ValueError:
-        return False
+        return Outcome(config, None) if is_finished(config, out) else None
+    except ValueError as error:
+        return Outcome(config, str(error))
 
 
 def _expected_seconds(missing: Sequence[TrialConfig], out: Path, jobs: int) -> float | None:

@@ -50,7 +50,7 @@ def _add_run(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         description="Train and evaluate one agent on one task; leave records, learning curve and replay.",
     )
     run.add_argument("--algo", required=True, help="algorithm, for example vpg (see usbench list)")
-    run.add_argument("--task", required=True, help="task, fp or pp (see usbench list)")
+    run.add_argument("--task", required=True, help="task, for example pp (see usbench list)")
     run.add_argument("--noise", type=number, default=0.0, metavar="P", help="probability 0..1 (default 0)")
     run.add_argument("--seed", type=number, default=0, metavar="N", help="trial seed (default 0)")
     run.add_argument("--steps", type=number, metavar="N", help="training steps (default: the task's budget)")

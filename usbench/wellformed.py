@@ -25,6 +25,7 @@ def _mapping_of(check: Check) -> Check:
 
 
 ANYTHING = _mapping_of(lambda _: True)
+TEXTS = _mapping_of(_text)
 # What a trial that has begun always records; further keys may hold anything.
 CONFIG: Mapping[str, Check] = {
     "task": _text,
@@ -45,9 +46,10 @@ STATE: Mapping[str, Check] = {
 OPTIONAL: Mapping[str, Check] = {
     "reason": lambda value: value is None or _text(value),
     "timings": _mapping_of(_number),
-    "versions": _mapping_of(_text),
+    "versions": TEXTS,
     "frames": lambda value: ANYTHING(value) and _text(value.get("digest")),
-    "checksums": _mapping_of(_text),
+    # Names of files: none that leads elsewhere.
+    "checksums": lambda value: TEXTS(value) and value.keys() <= {"episodes.jsonl", "evaluations.jsonl"},
     "references": _mapping_of(_mapping_of(_number)),
     "checkpoints": lambda value: isinstance(value, list) and all(map(_whole, value)),
     "evaluation_episodes": _whole,

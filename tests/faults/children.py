@@ -91,11 +91,20 @@ def _resident_mb():
 
 def workers(pid):
     """The processes that a process has started."""
+    return _processes(1, pid)
+
+
+def session(pid):
+    """All that is left of what `start` began, zombies too: workers, and their helpers."""
+    return _processes(3, pid)
+
+
+def _processes(place, number):
     found = []
     for status in Path("/proc").glob("[0-9]*/stat"):
         with contextlib.suppress(OSError):
-            # The name, in brackets, may hold anything.
-            if int(status.read_text().rpartition(")")[2].split()[1]) == pid:
+            # After the name, which stands in brackets and may hold anything: state, parent, group, session.
+            if int(status.read_text().rpartition(")")[2].split()[place]) == number:
                 found.append(int(status.parent.name))
     return found
 

@@ -74,9 +74,10 @@ def all_bits(out):
 
 def test_sweeps_and_their_workers_killed_at_random_moments(undisturbed_sweep, tmp_path):
     bits, seconds = undisturbed_sweep
-    chance, kills = random.Random("kills of sweeps"), 0
+    chance, kills, pids = random.Random("kills of sweeps"), 0, []
     while True:
         process = children.start(children.many, PLANNED, tmp_path, 2)
+        pids.append(process.pid)
         process.join(chance.uniform(0.2, 0.8) * seconds if kills < 4 else 300)
         if process.exitcode is not None:
             break
@@ -91,6 +92,15 @@ def test_sweeps_and_their_workers_killed_at_random_moments(undisturbed_sweep, tm
     assert process.exitcode == 0 and kills >= 2
     assert all_bits(tmp_path) == bits
     assert len(list(tmp_path.iterdir())) == len(PLANNED) + 1
+    assert not list(tmp_path.rglob("*.part"))
+    print(f"sweeps: {kills} kills")
+    # Nothing lives on, nor waits to be reaped.
+    for _ in range(100):
+        left = [left for pid in pids for left in children.session(pid)]
+        if not left:
+            return
+        time.sleep(0.1)
+    pytest.fail(f"processes {left} are left")
 
 
 def test_two_sweeps_at_once_compute_nothing_twice(undisturbed_sweep, tmp_path):
