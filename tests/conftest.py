@@ -81,6 +81,22 @@ def finished(quick, tmp_path, _trial):
 
 
 @pytest.fixture(scope="session")
+def trial_on(tmp_path_factory):
+    """`trial_on(task)`, in a quick test: the folder of a finished trial (vpg, noise 0.25, 64 steps)."""
+    from usbench import runner
+
+    done = {}
+
+    def folder(task):
+        if task not in done:
+            config = runner.resolve("vpg", task, steps=64, noise=0.25)
+            done[task] = runner.run_trial(config, tmp_path_factory.mktemp("runs")).folder
+        return done[task]
+
+    return folder
+
+
+@pytest.fixture(scope="session")
 def undisturbed(tmp_path_factory):
     """`undisturbed(algo)`, in a quick test: a trial that nothing happened to, its checkpoints far apart."""
     import trials

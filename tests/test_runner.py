@@ -9,9 +9,7 @@ import torch
 from PIL import Image
 
 from usbench import records, replay, runner, suite, training
-from usbench.agents import zoo
 from usbench.agents.vpg import VPG
-from usbench.envs import oracle
 from usbench.evaluation import Evaluator
 from usbench.journal import read_rows
 from usbench.records import ConfigurationError
@@ -98,28 +96,6 @@ def test_agents_that_do_not_learn_are_evaluated_once(quick, tmp_path, algo):
     assert set(evaluations["checkpoint"]) == {0}
     assert records.load(folder, "episodes").empty
     assert records.read_state(folder)["config"]["steps"] == 0
-
-
-@pytest.mark.parametrize("task", ["fp", "pp"])
-def test_oracle_earns_the_programmes_value_on_the_real_evaluation_list(task, monkeypatch, quick):
-    monkeypatch.setattr(suite, "TASKS", _full_suite())
-    agent = zoo.make("oracle", suite.make_env(task), 0, {}, policy=oracle.policy(task))
-    played = Evaluator(task, 0.0, 4).play(agent, checkpoint=0, step=0, deterministic=True)
-    assert len(played) == {"fp": 54, "pp": 56}[task]
-    assert np.mean([episode.return_ for episode in played]) == pytest.approx(oracle.returns(task).optimal)
-    assert all(episode.is_success for episode in played)
-
-
-def _full_suite():
-    from usbench.envs.focal_point import FOCAL_POINT
-    from usbench.envs.probe_plane import PROBE_PLANE
-
-    return {
-        name: dataclasses.replace(row, guidance=guidance, repeats=repeats)
-        for (name, row), guidance, repeats in zip(
-            suite.TASKS.items(), (FOCAL_POINT, PROBE_PLANE), (6, 2), strict=True
-        )
-    }
 
 
 def test_evaluation_seeds_never_meet_training_seeds():

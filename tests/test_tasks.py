@@ -1,0 +1,162 @@
+"""The table of tasks: what follows from a row, with phantoms that differ and episodes that the agent ends."""
+
+import dataclasses
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from usbench import failures, records, replay, report_agents, report_poses, suite
+from usbench.agents import zoo
+from usbench.envs import oracle
+from usbench.envs.focal_point import FOCAL_POINT
+from usbench.envs.pose import Pose
+from usbench.envs.probe_plane import PROBE_PLANE
+from usbench.envs.random_phantoms import FIRST_HELD_OUT, PROBE_PLANE_RANDOM
+from usbench.evaluation import Evaluator
+
+FULL = suite.TASKS
+RANDOM = ("fp-random", "pp-random")
+
+
+class Always:
+    """Takes one action."""
+
+    def __init__(self, action):
+        self.action = action
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=False):
+        return np.full(len(observation), self.action), state
+
+
+@pytest.mark.parametrize("name", FULL)
+def test_a_row_and_the_class_that_it_names_agree(name):
+    row = FULL[name]
+    env = suite.make_env(name)
+    assert row.guidance.name == name and env.unwrapped.task is row.guidance
+    assert env.spec.max_episode_steps == row.n_steps == row.guidance.n_steps
+
+
+def test_the_papers_tasks_are_evaluated_as_ever():
+    assert [FULL[name].guidance for name in suite.PAPER] == [FOCAL_POINT, PROBE_PLANE]
+    assert [len(suite.evaluation_episodes(name)) for name in suite.PAPER] == [54, 56]
+    for name in suite.PAPER:
+        assert suite.anchors(name, 0.25) == oracle.returns(name, 0.25)
+        assert all("phantom" not in episode.options for episode in suite.evaluation_episodes(name))
+
+
+@pytest.mark.parametrize("name", RANDOM)
+def test_phantoms_of_evaluation_are_not_those_of_training(name, quick, monkeypatch):
+    monkeypatch.setattr(suite, "TASKS", FULL)
+    numbers = [episode.phantom for episode in suite.evaluation_episodes(name)]
+    phantoms = suite.evaluation_phantoms(name)
+    assert sorted(set(numbers)) == [phantom.seed for phantom in phantoms]
+    assert {numbers.count(number) for number in numbers} == {2}
+    assert min(numbers) >= FIRST_HELD_OUT
+    env = suite.make_env(name)
+    assert all(env.reset(seed=seed)[1]["phantom"] < FIRST_HELD_OUT for seed in range(20))
+
+
+def test_anchors_of_many_phantoms_are_means_over_the_episodes_of_the_list():
+    phantoms = {phantom.seed: phantom for phantom in suite.evaluation_phantoms("pp-random")}
+    values = [
+        oracle.policy(PROBE_PLANE_RANDOM, 0.25, target=phantoms[one.phantom].target).value(0, one.start)
+        for one in suite.evaluation_episodes("pp-random")
+    ]
+    assert suite.anchors("pp-random", 0.25).optimal == pytest.approx(np.mean(values))
+
+
+@pytest.mark.parametrize("name", FULL)
+def test_the_oracle_earns_the_anchors_optimum_on_the_whole_list(name, quick, monkeypatch):
+    monkeypatch.setattr(suite, "TASKS", FULL)
+    agent = zoo.make("oracle", suite.make_env(name), 0, {}, policy=oracle.Planner(name))
+    played = Evaluator(name, 0.0, 4).play(agent, checkpoint=0, step=0, deterministic=True)
+    assert np.mean([one.return_ for one in played]) == pytest.approx(suite.anchors(name, 0.0).optimal)
+    # At x -20 mm and 10 mm deep, the farthest objects of fp-random are 17 moves away.
+    assert name == "fp-random" or all(one.is_success for one in played)
+
+
+def test_the_planner_knows_where_each_phantoms_object_is():
+    planner = oracle.Planner("pp")
+    assert planner.action(0, (0, 50, 0)) == 0
+    assert planner.action(0, (0, 50, 0), (10, 45, 0)) == 2
+    assert planner.action(0, (10, 50, 0), (10, 45, 30)) == 4
+
+
+def test_episodes_that_the_agent_ends_are_recorded_in_the_lists_order(quick):
+    stop = len(FULL["exam-stop"].guidance.actions) - 1
+    played = Evaluator("exam-stop", 0.0, 4).play(Always(stop), checkpoint=0, step=0, deterministic=True)
+    target = Pose(0, 50, 0)
+    for one, planned in zip(played, suite.evaluation_episodes("exam-stop"), strict=True):
+        assert one.actions == (stop,)
+        reward = FULL["exam-stop"].guidance.reward(planned.start, target, "normalized")
+        assert one.return_ == pytest.approx(24 * reward)
+
+
+def test_episodes_of_different_lengths_are_played_to_their_ends(quick):
+    class Sometimes:
+        def predict(self, observation, state=None, episode_start=None, deterministic=False):
+            return np.arange(len(observation)) % 2 * 7, state
+
+    played = Evaluator("exam-stop", 0.0, 4).play(Sometimes(), checkpoint=0, step=0, deterministic=True)
+    assert [len(one.actions) for one in played] == [24, 1, 24, 1, 24, 1, 24]
+
+
+@pytest.fixture(params=["pp-random", "exam-stop"])
+def trial(request, quick, trial_on):
+    """A finished trial of a task beside the paper's."""
+    return trial_on(request.param)
+
+
+def test_a_trial_says_which_phantom_every_episode_had(trial):
+    for table in ("episodes", "evaluations"):
+        rows = records.load(trial, table)
+        if records.read_state(trial)["config"]["task"] == "exam-stop":
+            assert "phantom" not in rows
+            continue
+        held_out = rows["phantom"] >= FIRST_HELD_OUT
+        assert held_out.all() if table == "evaluations" else not held_out.any()
+        distribution = suite.make_env("pp-random").unwrapped.phantoms
+        for row in rows.head(3).to_dict("records"):
+            target = distribution.phantom(row["phantom"]).target
+            assert (row["target_x_mm"], row["target_focal_depth_mm"]) == (target.x_mm, target.focal_depth_mm)
+            sine = np.sin(np.radians(row["final_angle_deg"] - target.angle_deg))
+            assert row["final_sin_angle"] == pytest.approx(sine)
+
+
+def test_a_trial_is_scored_by_the_anchors_of_its_evaluation(trial):
+    state = records.read_state(trial)
+    task, noise = state["config"]["task"], state["config"]["noise"]
+    assert state["anchors"] == dataclasses.asdict(suite.anchors(task, noise))
+    assert state["frames"]["poses"] == {"pp-random": 3 * 216, "exam-stop": 3888}[task]
+    assert state["references"]["optimal"]["return"] > state["anchors"]["random"]
+
+
+def test_a_record_is_enough_to_replay_an_episode(trial):
+    config = records.read_state(trial)["config"]
+    for record in records.load(trial).to_dict("records")[-2:]:
+        *_, last = replay.play(config["task"], 0.25, record["eval_episode"], record["actions"])
+        assert last.return_ == record["return"]
+
+
+def test_how_its_episodes_end_and_why_it_has_no_map_can_be_said(trial):
+    (row,) = failures.shares(records.load(trial)).to_dict("records")
+    task = row["task"]
+    assert np.isnan(row["too_deep"]) == (task == "pp-random") and not np.isnan(row["out_of_plane"])
+    assert report_poses.silence("pp") == "" != report_poses.silence(task)
+    shown = report_agents.Shown("vpg", task, 0.25, trial.name, 0.0, (trial.name,), True, "")
+    card = report_agents.card(trial.parent, shown, None)
+    assert card.map is None and card.silence == report_poses.silence(task)
+    assert "deep" in card.replay.words or task == "pp-random"
+
+
+def test_objects_elsewhere_are_missed_elsewhere():
+    row = {
+        "trial": "t", "task": "fp-random", "noise": 0.0, "algo": "vpg", "seed": 0, "checkpoint": 1,
+        "deterministic": True, "start_angle_deg": 0, "final_x_mm": 5, "final_focal_depth_mm": 50,
+        "final_angle_deg": 0, "final_sin_angle": 0.5, "is_success": False, "target_x_mm": 5,
+        "target_focal_depth_mm": 60,
+    }  # fmt: skip
+    (shares,) = failures.shares(pd.DataFrame([row])).to_dict("records")
+    assert (shares["beside"], shares["too_deep"], shares["too_shallow"]) == (0, 0, 1)
+    assert np.isnan(shares["out_of_plane"])
