@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 ALGO ?= ppo
 STAMP := $(VENV)/.installed
 
-.PHONY: help run test test-faults slow lint format typecheck bench-sim bench-train compare leaderboard search figures failures scores clean
+.PHONY: help run test test-faults slow lint format typecheck bench-sim bench-train compare leaderboard search figures failures scores docs clean
 .DEFAULT_GOAL := help
 
 help:  ## show the jobs
@@ -46,6 +46,13 @@ typecheck: $(STAMP)  ## check the types (mypy --strict) on an installed copy
 $(VENV)/.bench: $(STAMP)
 	-$(BIN)/python -m pip install --disable-pip-version-check --quiet -c constraints.txt -e '.[bench]'
 	@touch $@
+
+$(VENV)/.docs: $(STAMP)
+	$(BIN)/python -m pip install --disable-pip-version-check --quiet -c constraints.txt -e '.[docs]'
+	@touch $@
+
+docs: $(VENV)/.docs  ## build the site into build/docs, the notebook run anew; a warning is an error
+	$(BIN)/sphinx-build --quiet --fresh-env --fail-on-warning --keep-going -d build/doctrees docs build/docs
 
 compare: $(STAMP)  ## run what is missing of the paper's grid for every algorithm (many hours), write leaderboard.md
 	$(BIN)/usbench compare --algos vpg a2c ppo dqn qrdqn trpo recurrent_ppo

@@ -1,0 +1,79 @@
+"""The site: `make docs` builds it from these pages and the docstrings, without the internet."""
+
+import re
+from importlib.metadata import version as installed
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from docutils import nodes
+from sphinx import addnodes
+from sphinx.application import Sphinx
+
+ROOT = Path(__file__).parents[1]
+# Folder of the repository -> package.
+PACKAGES = {"envs": "usbench.envs", "agents": "usbench.agents", "usbench": "usbench"}
+
+project = "usbench"
+copyright = "usbench contributors"
+version = release = installed("usbench")
+
+extensions = [
+    "myst_nb",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.napoleon",
+    "sphinx.ext.viewcode",
+]
+exclude_patterns = ["_templates"]
+templates_path = ["_templates"]
+# Docstrings name code with single backticks.
+default_role = "code"
+autodoc_default_options = {"members": True, "member-order": "bysource"}
+autodoc_inherit_docstrings = False
+autodoc_typehints_format = "short"
+# As a list below the class: members of dataclasses would be described twice otherwise.
+napoleon_use_ivar = True
+python_maximum_signature_line_length = 90
+
+myst_heading_anchors = 3
+nb_execution_mode = "force"
+nb_execution_raise_on_error = True
+nb_execution_timeout = 300
+
+html_theme = "furo"
+html_title = f"usbench {version}"
+html_show_sphinx = False
+html_static_path: list[str] = []
+
+
+def link_modules(app: Sphinx, doctree: nodes.document) -> None:
+    """Lead links to a module's file, as readers of the repository need them, to its page of the reference."""
+    for link in list(doctree.findall(addnodes.download_reference)):
+        place = (Path(app.srcdir) / app.env.docname).parent / link["reftarget"].lstrip("/")
+        path = PurePosixPath(place.resolve().relative_to(ROOT).as_posix())
+        package = PACKAGES.get(path.parts[0])
+        if package and path.suffix == ".py":
+            name = f"{package}.{path.stem}"
+            reference: Any = addnodes.pending_xref(
+                "", *link.children, refdomain="py", reftype="mod", reftarget=name, refexplicit=True
+            )
+            link.replace_self(reference)
+
+
+def plain_words(app: Sphinx, what: str, name: str, value: Any, options: Any, lines: list[str]) -> None:
+    """Translate the Markdown headings of environments, as Gymnasium has them, and keep |absolute values|."""
+    translated: list[str] = []
+    for line in lines:
+        heading = re.fullmatch(r"## (.+)", line)
+        if heading:
+            translated += [f".. rubric:: {heading[1]}", ""]
+        else:
+            translated.append(re.sub(r"(`[^`]*`)|\|", lambda part: part[1] or r"\|", line))
+    lines[:] = translated
+
+
+def setup(app: Sphinx) -> None:
+    """Connect what is above."""
+    app.connect("autodoc-process-docstring", plain_words)
+    # Before Sphinx copies the files that links lead to.
+    app.connect("doctree-read", link_modules, priority=400)

@@ -1,0 +1,33 @@
+"""The notebook of the documentation: its code runs from the committed records, whatever they hold."""
+
+import json
+from pathlib import Path
+
+import matplotlib
+import pytest
+
+NOTEBOOK = Path(__file__).parents[1] / "docs" / "records.ipynb"
+
+
+def cells(kind):
+    return [cell for cell in json.loads(NOTEBOOK.read_text())["cells"] if cell["cell_type"] == kind]
+
+
+def test_code_runs_from_the_committed_records(quick, monkeypatch, tmp_path):
+    monkeypatch.chdir(NOTEBOOK.parent)
+    monkeypatch.setattr("tempfile.mkdtemp", lambda: str(tmp_path))
+    names = {}
+    with matplotlib.rc_context({"backend": "agg"}):
+        for cell in cells("code"):
+            exec("".join(cell["source"]), names)
+        for axis in names["axes"].flat:
+            assert axis.get_xlabel() and axis.get_ylabel() and axis.lines
+        names["plt"].close("all")
+    assert not names["scores"].empty and names["scores"]["normalized_score"].between(-1, 1.2).all()
+    assert set(names["evaluations"]["algo"]) == {"random"}
+    assert names["state"]["status"] == "finished"
+
+
+@pytest.mark.parametrize("cell", cells("code"))
+def test_it_is_committed_without_outputs_that_would_grow_old(cell):
+    assert cell["outputs"] == [] and cell["execution_count"] is None
