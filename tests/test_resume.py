@@ -58,6 +58,33 @@ def test_interrupted_and_failed_trials_go_on_too(undisturbed, often, tmp_path):
     assert records.read_state(folder)["reason"] is None
 
 
+def test_killed_while_it_ends_after_a_rollout_that_the_budget_cut_off(
+    undisturbed, often, tmp_path, monkeypatch
+):
+    with monkeypatch.context() as patch:
+        patch.setattr(runner._Trial, "_reference", killing)
+        with pytest.raises(Killed):
+            runner.run_trial(trials.config("dqn"), tmp_path)
+    folder = tmp_path / trials.config("dqn").folder_name
+    # After the last step: nothing is trained again.
+    assert go_on(folder, "dqn") is None
+    assert trials.bits(folder) == trials.bits(undisturbed("dqn"))
+
+
+def test_disk_that_takes_no_events_is_told_of_once(undisturbed, often, tmp_path, monkeypatch, capfd):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("tensorboard.summary.writer.record_writer.RecordWriter.write", full)
+        with pytest.raises(runner.TrialError, match="No space left on device"):
+            runner.run_trial(trials.config("vpg"), tmp_path)
+    assert capfd.readouterr().err == ""
+    folder = tmp_path / trials.config("vpg").folder_name
+    go_on(folder)
+    assert trials.bits(folder) == trials.bits(undisturbed("vpg"))
+
+
 def test_time_before_the_kill_counts(often, tmp_path, monkeypatch):
     folder = ended(tmp_path)
     started = records.read_state(folder)["started"]

@@ -1,9 +1,11 @@
 """One training, made anew or as a checkpoint has it: agent, environment, and what watches them."""
 
+import contextlib
 import hashlib
 import inspect
 import logging
-from collections.abc import Callable, Mapping, Sequence
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +18,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 from usbench import suite
 from usbench.agents import state, zoo
 from usbench.checkpoints import Checkpoints
+from usbench.configuration import TRUE_REWARD
 from usbench.envs import oracle
 from usbench.evaluation import Evaluator, Recorder
 from usbench.journal import Journal
@@ -87,7 +90,8 @@ class Learning:
             progress=progress,
             boundary=self._keep,
         )
-        env = suite.make_env(config.task, config.noise, n_frames=config.n_frames)
+        reward = config.environment.get("reward", TRUE_REWARD)
+        env = suite.make_env(config.task, config.noise, n_frames=config.n_frames, reward=reward)
         self._recorder = Recorder(env, self.watch.on_episode)
         vec_env = DummyVecEnv([lambda: self._recorder])
         env_seed, agent_seed, _ = np.random.SeedSequence(config.seed).spawn(3)
@@ -169,6 +173,22 @@ class Learning:
             self._checkpoints = None
             return
         self._checkpoints.write(self.agent.num_timesteps, content)
+
+
+@contextlib.contextmanager
+def heard_once() -> Iterator[None]:
+    """Leave out what TensorBoard's thread prints of a full disk: the next write raises it where it counts."""
+    tell = threading.excepthook
+
+    def pass_over(args: threading.ExceptHookArgs) -> None:
+        if not issubclass(args.exc_type, OSError):
+            tell(args)
+
+    threading.excepthook = pass_over
+    try:
+        yield
+    finally:
+        threading.excepthook = tell
 
 
 def machine() -> dict[str, Any]:

@@ -25,7 +25,7 @@ from usbench.envs.frames import frame_store
 from usbench.evaluation import Evaluator
 from usbench.finished import is_finished
 from usbench.journal import Journal
-from usbench.learning import Learning, machine, make_agent
+from usbench.learning import Learning, heard_once, machine, make_agent
 from usbench.lock import locked
 from usbench.memory import keep_freed
 from usbench.records import TrialConfig
@@ -209,7 +209,7 @@ class _Trial:
 
     def _learn(self, learning: Learning) -> None:
         self.agent, watch = learning.agent, learning.watch
-        with contextlib.closing(learning):
+        with heard_once(), contextlib.closing(learning):
             if self.config.steps:
                 with self.stopwatch.timed("training_s"):
                     learning.learn(self.folder / records.TENSORBOARD)

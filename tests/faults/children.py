@@ -4,6 +4,7 @@ import contextlib
 import functools
 import multiprocessing
 import os
+import signal
 import sys
 from pathlib import Path
 
@@ -15,8 +16,13 @@ from usbench import checkpoints, cli, records, runner, sweep
 # Forked from a process that has imported everything; spawned ones would spend their short lives on that.
 CONTEXT = multiprocessing.get_context("forkserver")
 CONTEXT.set_forkserver_preload(
-    ["usbench.learning", "usbench.agents.vpg", "sb3_contrib", "torch.utils.tensorboard"]
+    # The first optimizer imports torch._dynamo, which takes longer than these trials.
+    ["pytest", "usbench.cli", "usbench.sweep", "usbench.agents.vpg", "sb3_contrib"]
+    + ["torch.utils.tensorboard", "torch._dynamo"]
 )
+
+# Of what never ends; long, since trials take their time on a machine that has other work.
+LIMIT_S = 1800
 
 
 def start(what, *arguments, seconds=0.0):
@@ -27,14 +33,23 @@ def start(what, *arguments, seconds=0.0):
 
 def finish(what, *arguments, **settings):
     """Run a process to its end; return its exit status."""
-    process = start(what, *arguments, **settings)
-    process.join(300)
+    return ended(start(what, *arguments, **settings))
+
+
+def ended(process):
+    """Wait for the end of a process; return its exit status."""
+    process.join(LIMIT_S)
+    if process.exitcode is None:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.join()
     return process.exitcode
 
 
 def _begin(seconds, what, *arguments):
     # A session of its own, so that all of it can be killed at once.
     os.setsid()
+    # What runs in the background ignores Ctrl-C, and hands that on.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     os.environ[checkpoints.INTERVAL] = str(seconds)
     os.environ["USBENCH_THREADS"] = "1"
     sweep_worker.quick()
