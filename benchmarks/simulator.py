@@ -31,6 +31,7 @@ from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Pose
 from usbench.envs.probe import DEFAULT_ARRAY
 from usbench.envs.probe_plane import PROBE_PLANE
+from usbench.envs.random_phantoms import FocalPointRandomEnv, ProbePlaneRandomEnv
 from usbench.envs.response import response_table
 from usbench.envs.rf import simulate_iq, simulate_rf
 from usbench.envs.scanner import scan, scan_batch
@@ -140,6 +141,22 @@ def speed(n: int) -> Iterator[Row]:
     yield "first frame at a new focal depth, worst of 17", f"{max(first.values()):.2f} s", "at most 2.5 s"
 
 
+def environments(n: int) -> Iterator[Row]:
+    """Time `n` episodes of random actions, a new phantom in each, frames simulated as the probe moves."""
+    hand = np.random.default_rng(0)
+    for env in (ProbePlaneRandomEnv(), FocalPointRandomEnv()):
+        for depth in sorted({pose.focal_depth_mm for pose in env.task.states}):
+            scan(Phantom(), Pose(0, depth))  # makes the table of this depth
+        env.reset(seed=0)
+        start = time.perf_counter()
+        for _ in range(n):
+            env.reset()
+            for _ in range(env.task.n_steps):
+                env.step(int(hand.integers(len(env.task.actions))))
+        rate = n * env.task.n_steps / (time.perf_counter() - start)
+        yield f"steps per second, {env.task.name}, a new phantom in each of {n} episodes", f"{rate:.0f}", "60"
+
+
 def scaling() -> Iterator[Row]:
     """Time 1 and 10 times the scatterers of the default view."""
     positions, amplitudes = Phantom().in_view(Pose())
@@ -215,7 +232,7 @@ def main() -> None:
         all_frames()
         return
     table = Table("what", "measured", "asked", title="The simulator")
-    parts = [speed(args.repeats), scaling(), from_nothing()]
+    parts = [speed(args.repeats), environments(args.repeats), scaling(), from_nothing()]
     left_out = []
     if REFERENCE.exists():
         parts.insert(0, accuracy())

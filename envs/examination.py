@@ -86,6 +86,8 @@ class ExaminationEnv(GuidanceEnv):
     ## Rewards
     For the pose after the action and before the noise: `"normalized"`: -(|x - x_o| / 20 + |z - z_o| / 50 +
     |sin(angle - angle_o)|); `"paper"`: the same with both distances in mm.
+    `"image"`: how much the frame looks like the standard view of the object, less 1 (`likeness.py`); `info`
+    then also holds `true_reward`, the normalized one.
 
     ## Episode End
     Truncated after 24 steps, never terminated. Starts: x in {-20, -15, ..., 20} mm, focus in {5, 10, ..., 90}
@@ -93,8 +95,8 @@ class ExaminationEnv(GuidanceEnv):
     sets any of them.
 
     ## Arguments
-    `noise` (probability, default 0), `reward` ("normalized" or "paper"), `phantom` (`Phantom`), `probe`
-    (`LinearArray`), `imaging` (`Imaging`), `render_mode` (None or "rgb_array").
+    `noise` (probability, default 0), `reward` ("normalized", "paper" or "image"), `phantom` (`Phantom`),
+    `probe` (`LinearArray`), `imaging` (`Imaging`), `render_mode` (None or "rgb_array").
     """
 
     task = EXAMINATION

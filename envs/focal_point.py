@@ -65,14 +65,16 @@ class FocalPointEnv(GuidanceEnv):
     ## Rewards
     For the pose after the action and before the noise, with x_o and z_o the object's: `"normalized"`: -(|x -
     x_o| / 20 + |z - z_o| / 50); `"paper"`, Eq. 1: -(|x - x_o| + |z - z_o|), in mm.
+    `"image"`: how much the frame looks like the standard view of the object, less 1 (`likeness.py`); `info`
+    then also holds `true_reward`, the normalized one.
 
     ## Episode End
     Truncated after 16 steps, never terminated. Starts: x in {-20, -15, ..., 20} mm, focus at 10 mm, angle 0;
     `reset(options={"x_mm": ..., "focal_depth_mm": ..., "angle_deg": ...})` sets any of them.
 
     ## Arguments
-    `noise` (probability, default 0), `reward` ("normalized" or "paper"), `phantom` (`Phantom`), `probe`
-    (`LinearArray`), `imaging` (`Imaging`), `render_mode` (None or "rgb_array").
+    `noise` (probability, default 0), `reward` ("normalized", "paper" or "image"), `phantom` (`Phantom`),
+    `probe` (`LinearArray`), `imaging` (`Imaging`), `render_mode` (None or "rgb_array").
     """
 
     task = FOCAL_POINT

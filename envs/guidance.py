@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from usbench.envs.bmode import Imaging
 from usbench.envs.frames import FrameStore, frame_store
+from usbench.envs.likeness import likeness, standard_view
 from usbench.envs.phantom import Phantom
 from usbench.envs.pose import LIMITS, Limits, Move, Pose, sin_deg
 from usbench.envs.probe import LinearArray
@@ -23,6 +24,8 @@ from usbench.envs.scene import draw_scene
 T = TypeVar("T")
 
 REWARDS = ("normalized", "paper")
+# Computed from the frame alone: see `likeness.py`.
+IMAGE = "image"
 COORDINATES = ("x_mm", "focal_depth_mm", "angle_deg")
 
 
@@ -88,10 +91,10 @@ def check_noise(noise: object) -> float:
     return float(noise)
 
 
-def check_reward(reward: object) -> str:
+def check_reward(reward: object, allowed: Collection[str] = REWARDS) -> str:
     """Return the kind of reward, or raise ValueError with the closest name."""
-    if not isinstance(reward, str) or reward not in REWARDS:
-        raise unknown("reward", reward, REWARDS)
+    if not isinstance(reward, str) or reward not in allowed:
+        raise unknown("reward", reward, allowed)
     return reward
 
 
@@ -100,7 +103,7 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
 
     Args:
         noise: Probability p_n that the probe is displaced after an action.
-        reward: "normalized" or "paper".
+        reward: "normalized", "paper" or "image", which is computed from the frame alone.
         phantom: The tissue and the object in it.
         probe: The transducer.
         imaging: How RF becomes an image.
@@ -128,7 +131,7 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
     ) -> None:
         """Check the configuration; nothing is simulated before the first reset."""
         self.noise = check_noise(noise)
-        self.reward = check_reward(reward)
+        self.reward = check_reward(reward, (*REWARDS, IMAGE))
         self.phantom = _instance("phantom", phantom, Phantom)
         self.probe = _instance("probe", probe, LinearArray)
         self.imaging = _instance("imaging", imaging, Imaging)
@@ -176,10 +179,9 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
                 f"action must be a whole number from 0 to {len(self.task.actions) - 1}, not {action!r}."
             )
         pose = self.pose.moved(self.task.actions[int(action)].move, self.task.limits)
-        reward = self.task.reward(pose, self.target, self.reward)
         stopped = self.task.stops and int(action) == len(self.task.actions) - 1
-        if stopped:
-            reward *= max(self._steps_left, 1)
+        times = max(self._steps_left, 1) if stopped else 1
+        reward = self._reward(pose) * times
         self._steps_left -= 1
 
         # Both numbers are drawn at every step: the stream depends neither on the actions nor on `noise`.
@@ -187,7 +189,10 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
         displacement = self.task.displacements[self.np_random.integers(len(self.task.displacements))]
         self._pose = pose.moved(displacement, self.task.limits) if occurs else pose
         displaced = _difference(pose, self._pose, displacement) if occurs else {}
-        return self._observation(), reward, stopped, False, self._info(displaced)
+        info = self._info(displaced)
+        if self.reward == IMAGE:
+            info["true_reward"] = self.task.reward(pose, self.target, REWARDS[0]) * times
+        return self._observation(), reward, stopped, False, info
 
     def render(self) -> npt.NDArray[np.uint8] | None:
         """Return the scene beside the frame, (height, width, 3) uint8 RGB, if render_mode is "rgb_array"."""
@@ -197,9 +202,18 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
         return draw_scene(self.phantom, self.pose, self._observation()[:, :, 0])
 
     def _observation(self) -> npt.NDArray[np.uint8]:
+        return self._frame(self.pose)[:, :, np.newaxis].copy()
+
+    def _frame(self, pose: Pose) -> npt.NDArray[np.uint8]:
         if self._frames is None:
             self._frames = frame_store(self.phantom, self.probe, self.imaging)
-        return self._frames.frame(self.pose)[:, :, np.newaxis].copy()
+        return self._frames.frame(pose)
+
+    def _reward(self, pose: Pose) -> float:
+        if self.reward == IMAGE:
+            # At most 0, as the others are.
+            return likeness(self._frame(pose), standard_view(self.probe, self.imaging)) - 1
+        return self.task.reward(pose, self.target, self.reward)
 
     def _info(self, displaced: dict[str, int]) -> dict[str, Any]:
         pose = self.pose

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -198,7 +199,9 @@ def _task(task: str | Task) -> Task:
 def _tasks() -> dict[str, Task]:
     """Return the tasks of the environments that are registered here, by name."""
     specs = [spec for spec in gym.registry.values() if spec.namespace == "usbench"]
-    classes = [load_env_creator(spec.entry_point) for spec in specs if isinstance(spec.entry_point, str)]
+    classes: list[Any] = [
+        load_env_creator(spec.entry_point) for spec in specs if isinstance(spec.entry_point, str)
+    ]
     return {
         cls.task.name: cls.task for cls in classes if isinstance(cls, type) and issubclass(cls, GuidanceEnv)
     }

@@ -68,6 +68,8 @@ class ProbePlaneEnv(GuidanceEnv):
     For the pose after the action and before the noise, with x_o and angle_o the object's: `"normalized"`:
     -(|x - x_o| / 20 + |sin(angle - angle_o)|); `"paper"`, Eq. 2: -(|x - x_o| + |sin(angle - angle_o)|), x in
     mm.
+    `"image"`: how much the frame looks like the standard view of the object, less 1 (`likeness.py`); `info`
+    then also holds `true_reward`, the normalized one.
 
     ## Episode End
     Truncated after 16 steps, never terminated. Starts: x in {-15, -10, ..., 15} mm, angle in {45, 60, 75, 90}
@@ -75,8 +77,8 @@ class ProbePlaneEnv(GuidanceEnv):
     of them.
 
     ## Arguments
-    `noise` (probability, default 0), `reward` ("normalized" or "paper"), `phantom` (`Phantom`), `probe`
-    (`LinearArray`), `imaging` (`Imaging`), `render_mode` (None or "rgb_array").
+    `noise` (probability, default 0), `reward` ("normalized", "paper" or "image"), `phantom` (`Phantom`),
+    `probe` (`LinearArray`), `imaging` (`Imaging`), `render_mode` (None or "rgb_array").
     """
 
     task = PROBE_PLANE

@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from usbench.envs import tables
 from usbench.envs.focal_point import FOCAL_POINT
 from usbench.envs.guidance import COORDINATES, GuidanceEnv
 from usbench.envs.phantom import ObjectOfInterest, Phantom
@@ -70,6 +71,7 @@ class RandomPhantomEnv(GuidanceEnv):
             raise TypeError(f"phantoms must be of type PhantomDistribution, not {phantoms!r}.")
         super().__init__(**kwargs)
         self.phantoms = phantoms or self.distribution
+        tables.keep(len({pose.focal_depth_mm for pose in self.task.states}))
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

@@ -6,14 +6,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from usbench import failures, records, replay, report_agents, report_poses, suite
+from usbench import failures, records, replay, report_agents, report_poses, runner, suite
 from usbench.agents import zoo
 from usbench.envs import oracle
 from usbench.envs.focal_point import FOCAL_POINT
 from usbench.envs.pose import Pose
 from usbench.envs.probe_plane import PROBE_PLANE
 from usbench.envs.random_phantoms import FIRST_HELD_OUT, PROBE_PLANE_RANDOM
-from usbench.evaluation import Evaluator
+from usbench.evaluation import Evaluator, Recorder
+from usbench.records import ConfigurationError
 
 FULL = suite.TASKS
 RANDOM = ("fp-random", "pp-random")
@@ -160,3 +161,20 @@ def test_objects_elsewhere_are_missed_elsewhere():
     (shares,) = failures.shares(pd.DataFrame([row])).to_dict("records")
     assert (shares["beside"], shares["too_deep"], shares["too_shallow"]) == (0, 0, 1)
     assert np.isnan(shares["out_of_plane"])
+
+
+def test_who_trains_on_the_image_is_recorded_with_the_true_return(quick, monkeypatch):
+    monkeypatch.setattr("usbench.envs.guidance.standard_view", lambda *_: np.eye(90, 40, dtype=np.uint8))
+    found = []
+    env = Recorder(suite.make_env("pp", reward="image"), found.append)
+    env.reset(seed=0, options={"x_mm": 10, "angle_deg": 30})
+    rewards = [env.step(0)[1] for _ in range(16)]
+    assert found[0]["return_"] == pytest.approx(-16 * (0.5 + 0.5)) != pytest.approx(sum(rewards))
+
+
+def test_a_trial_on_the_image_is_another_trial_and_any_other_reward_is_refused():
+    plain, image = runner.resolve("vpg", "pp"), runner.resolve("vpg", "pp", reward="image")
+    assert image.environment == {**plain.environment, "reward": "image"}
+    assert image.hash != plain.hash
+    with pytest.raises(ConfigurationError, match="unknown reward 'paper'.*'normalized', 'image'"):
+        runner.resolve("vpg", "pp", reward="paper")

@@ -7,10 +7,12 @@ from typing import Any
 from usbench import suite
 from usbench.agents import zoo
 from usbench.agents.hyperparameters import check_seed, unknown
-from usbench.envs.guidance import check_noise
+from usbench.envs.guidance import IMAGE, check_noise, check_reward
 from usbench.envs.pose import whole_number
 from usbench.records import ConfigurationError, TrialConfig
 
+TRUE_REWARD = "normalized"
+TRAINED_ON = (TRUE_REWARD, IMAGE)
 # An episode's, and more than any trial needs.
 MAX_FRAMES = 64
 # What is recorded with a trial, since its bits depend on them.
@@ -35,6 +37,7 @@ def resolve(
     seed: int = 0,
     steps: int | None = None,
     n_frames: int = 4,
+    reward: str = TRUE_REWARD,
     preset: str | None = None,
     overrides: Mapping[str, Any] | None = None,
 ) -> TrialConfig:
@@ -55,6 +58,7 @@ def resolve(
         n_frames = whole_number("n_frames", n_frames)
         if not 1 <= n_frames <= MAX_FRAMES:
             raise ValueError(f"n_frames must be a whole number in [1, {MAX_FRAMES}], not {n_frames}.")
+        check_reward(reward, TRAINED_ON)
     except (ValueError, TypeError) as error:
         raise ConfigurationError(str(error)) from error
     plain: Any = suite.make_env(task, noise).unwrapped
@@ -69,5 +73,7 @@ def resolve(
         environment={
             "id": suite.TASKS[task].env_id,
             **{name: asdict(getattr(plain, name)) for name in plain.scene},
+            # What is trained on; the score is always that of the true reward.
+            **({} if reward == TRUE_REWARD else {"reward": reward}),
         },
     )

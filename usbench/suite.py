@@ -125,8 +125,13 @@ def checkpoints(task: str, steps: int) -> tuple[int, ...]:
 
 
 def make_env(
-    task: str, noise: float = 0.0, *, n_frames: int = 4, render_mode: str | None = None
+    task: str,
+    noise: float = 0.0,
+    *,
+    n_frames: int = 4,
+    reward: str = "normalized",
+    render_mode: str | None = None,
 ) -> gym.Env[Any, Any]:
     """Make the environment that every algorithm sees: plain environment, image stack, normalised pixels."""
-    plain = gym.make(TASKS[task].env_id, noise=noise, render_mode=render_mode)
+    plain = gym.make(TASKS[task].env_id, noise=noise, reward=reward, render_mode=render_mode)
     return NormalizeImage(ImageStack(plain, n_frames))

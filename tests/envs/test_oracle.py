@@ -148,7 +148,7 @@ def test_another_target_moves_the_goal():
 @pytest.mark.parametrize(
     ("arguments", "error", "message"),
     [
-        (("FP", 0), ValueError, "unknown task 'FP' .did you mean 'fp'.*allowed are 'fp', 'pp', 'exam'"),
+        (("FP", 0), ValueError, "unknown task 'FP' .did you mean 'fp'.*allowed are 'fp', 'pp', 'fp-random'"),
         ((7, 0), ValueError, "unknown task 7"),
         (("fp", 1.5), ValueError, r"noise must be a probability in \[0, 1\], not 1.5"),
         (("fp", float("nan")), ValueError, r"noise must be a probability in \[0, 1\], not nan"),
