@@ -24,7 +24,7 @@ extensions = [
     "sphinx.ext.napoleon",
     "sphinx.ext.viewcode",
 ]
-exclude_patterns = ["_templates"]
+exclude_patterns = ["_static", "_templates"]
 templates_path = ["_templates"]
 # Docstrings name code with single backticks.
 default_role = "code"
@@ -35,6 +35,8 @@ autodoc_typehints_format = "short"
 napoleon_use_ivar = True
 python_maximum_signature_line_length = 90
 
+highlight_language = "text"
+myst_enable_extensions = ["html_image"]
 myst_heading_anchors = 3
 nb_execution_mode = "force"
 nb_execution_raise_on_error = True
@@ -43,7 +45,8 @@ nb_execution_timeout = 300
 html_theme = "furo"
 html_title = f"usbench {version}"
 html_show_sphinx = False
-html_static_path: list[str] = []
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
 
 
 def link_modules(app: Sphinx, doctree: nodes.document) -> None:

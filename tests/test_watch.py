@@ -96,19 +96,21 @@ def test_optimum_meets_the_same_slips(quick):
     assert {moment.slip for moment in played} - {""} <= words and any(moment.slip for moment in played)
 
 
-def test_episodes_in_a_gif_and_a_video(finished, tmp_path):
+def test_episodes_in_pictures_that_move_and_a_video(finished, tmp_path):
     watched = watch.choose(finished, [0, 5])
     for episode in watched.episodes:
         del episode["actions"][2:]
-    watch.write(watched, tmp_path / "a.gif")
-    with Image.open(tmp_path / "a.gif") as animation:
-        assert animation.n_frames == 6
+    for name in ("a.gif", "a.webp"):
+        watch.write(watched, tmp_path / name)
+        with Image.open(tmp_path / name) as animation:
+            assert animation.n_frames == 6
+            assert animation.format == name[2:].upper()
     watch.write(watched, tmp_path / "a.mp4")
     video = cv2.VideoCapture(str(tmp_path / "a.mp4"))
     # Two pages of each, and its last one four times as long.
     assert video.get(cv2.CAP_PROP_FRAME_COUNT) == 12
     assert video.get(cv2.CAP_PROP_FRAME_HEIGHT) % 2 == video.get(cv2.CAP_PROP_FRAME_WIDTH) % 2 == 0
-    assert sorted(path.name for path in tmp_path.glob("*a.*")) == ["a.gif", "a.mp4"]
+    assert sorted(path.name for path in tmp_path.glob("*a.*")) == ["a.gif", "a.mp4", "a.webp"]
 
 
 def test_page_marks_the_advised_action(finished):
@@ -188,7 +190,7 @@ def test_without_a_model_it_plays_without_advice_and_says_so(finished, capsys):
     [
         (["--episode", "99"], "from 0 to 6, not 99"),
         (["--episode", "first"], "'first'"),
-        (["--out", "a.avi"], ".gif, .mp4, not 'a.avi'"),
+        (["--out", "a.avi"], ".gif, .webp, .mp4, not 'a.avi'"),
         (["--out", "no/where.gif"], "a folder that exists"),
     ],
 )

@@ -20,7 +20,7 @@ EXAMPLES = """examples:
   usbench compare --tasks pp --noise 0 --seeds 2 --steps 1024
   usbench leaderboard
   usbench frame --x 10 --depth 35 --angle 60
-  usbench watch runs/pp-p0-vpg-s0-4bb5b115
+  usbench watch runs/pp-p0-vpg-s0-f5fd15c6
   usbench plot runs --out figures --format svg
   usbench report
   usbench list

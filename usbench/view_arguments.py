@@ -15,15 +15,15 @@ FRAME_EXAMPLES = """examples:
 """
 
 WATCH_EXAMPLES = """examples:
-  usbench watch runs/pp-p0-vpg-s0-4bb5b115
+  usbench watch runs/pp-p0-vpg-s0-f5fd15c6
       in the terminal; as a table of text where the output is no terminal
-  usbench watch runs/pp-p0-vpg-s0-4bb5b115 --episode 0 17 --out episodes.mp4
-  usbench watch runs/pp-p0-vpg-s0-4bb5b115 --drawn --out episode.gif
+  usbench watch runs/pp-p0-vpg-s0-f5fd15c6 --episode 0 17 --out episodes.mp4
+  usbench watch runs/pp-p0-vpg-s0-f5fd15c6 --drawn --out episode.gif
 """
 
 GUIDE_EXAMPLES = """examples:
   usbench guide
-  usbench guide runs/pp-p0-vpg-s0-4bb5b115 --noise 0.25
+  usbench guide runs/pp-p0-vpg-s0-f5fd15c6 --noise 0.25
   usbench guide --task fp --port 8000 --no-browser
 
 Nobody but this machine can reach the page. From elsewhere: ssh -L 8000:127.0.0.1:8000 HOST
@@ -32,7 +32,7 @@ Nobody but this machine can reach the page. From elsewhere: ssh -L 8000:127.0.0.
 PLOT_EXAMPLES = """examples:
   usbench plot
       the leaderboard's figures of all trials in runs
-  usbench plot runs/pp-p0-vpg-s0-4bb5b115 --format png svg pdf
+  usbench plot runs/pp-p0-vpg-s0-f5fd15c6 --format png svg pdf
       of one trial, with its learning curve
   usbench plot leaderboard_files --out paper --format pdf
       from the tables that compare left
@@ -97,7 +97,7 @@ def _add_watch(subparsers: Any, debug: argparse.ArgumentParser) -> None:
     watch.add_argument(
         "--drawn", action="store_true", help="episodes with drawn actions instead of the most probable ones"
     )
-    watch.add_argument("--out", type=Path, metavar="FILE", help=".gif or .mp4 (default: the terminal)")
+    watch.add_argument("--out", type=Path, metavar="FILE", help=".gif, .webp or .mp4 (default: the terminal)")
     watch.set_defaults(call=commands.watch)
 
 

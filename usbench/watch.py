@@ -97,7 +97,7 @@ def title(watched: Watched, episode: dict[str, Any]) -> str:
 
 
 def write(watched: Watched, out: Path) -> None:
-    """Write the episodes one after the other to `out`, .gif or .mp4."""
+    """Write the episodes one after the other to `out`, .gif, .webp or .mp4."""
     names = replay.action_names(watched.config["task"])
     film.write(
         out,
