@@ -16,6 +16,7 @@ def run(args: argparse.Namespace) -> None:
         seed=args.seed,
         steps=args.steps,
         n_frames=args.n_frames,
+        reward=args.reward,
         preset=args.preset,
         overrides=dict(args.set),
     )
@@ -79,6 +80,20 @@ def leaderboard(args: argparse.Namespace) -> None:
     folder = leaderboard.files(args.leaderboard)
     known = results.read(folder)
     for path in [*leaderboard.write(folder, args.leaderboard), *figures.write(known, folder)]:
+        print(path)
+
+
+def transfer(args: argparse.Namespace) -> None:
+    """Test agents of one phantom on phantoms never seen, and write the leaderboard again."""
+    from usbench import leaderboard, transfer
+
+    def tell(text: str) -> None:
+        if not args.quiet:
+            print(text, file=sys.stderr)
+
+    folder = leaderboard.files(args.leaderboard)
+    print(transfer.write(args.out, folder, tell))
+    for path in leaderboard.write(folder, args.leaderboard):
         print(path)
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import pandas as pd
 
-from usbench import answer, provenance, results, scores, stats
+from usbench import answer, held_out, provenance, results, scores, stats
 from usbench.atomic import atomic_file
 from usbench.results import DRAWN, Results
 from usbench.scores import CELL, ROW, SCORED, cell_name
@@ -50,15 +50,15 @@ def write(folder: Path, path: Path) -> list[Path]:
     known = results.read(folder)
     path.parent.mkdir(parents=True, exist_ok=True)
     table = scores.cells(known).round(results.DECIMALS).to_csv(index=False, lineterminator="\n")
-    written = {path: markdown(known), path.with_name(SCORES): table}
+    written = {path: markdown(known, held_out.read(folder)), path.with_name(SCORES): table}
     for name, text in written.items():
         with atomic_file(name) as file:
             file.write(text.encode())
     return list(written)
 
 
-def markdown(known: Results) -> str:
-    """Return the leaderboard as Markdown."""
+def markdown(known: Results, tested: pd.DataFrame | None = None) -> str:
+    """Return the leaderboard as Markdown; `tested` is what `held_out.read` returns."""
     matrices, reasons = scores.matrices(known)
     parts = ["# Leaderboard", answer.text(known), READING]
     if matrices:
@@ -69,6 +69,9 @@ def markdown(known: Results) -> str:
     for (task, noise), rows in scores.cells(known).groupby(CELL):
         anchors = known.trials[(known.trials["task"] == task) & (known.trials["noise"] == noise)]
         parts += [f"## {cell_name(task, noise)}", _anchors(anchors), _cell(rows)]
+    unseen = pd.DataFrame() if tested is None else held_out.table(known, tested)
+    if not unseen.empty:
+        parts += ["## Phantoms never seen", _unseen(unseen)]
     parts += ["## How this was made", provenance.making(known.trials)]
     notes = [f"`{algo}` is not in the table of all cells: {reason}." for algo, reason in reasons.items()]
     notes += provenance.notes(known.trials)
@@ -156,6 +159,29 @@ def _cell(rows: pd.DataFrame) -> str:
         )
     numbers = [title for title, *_ in COLUMNS]
     return _table(["agent", "seeds", "score, greedy", "score, drawn", *numbers, "training (min)"], lines)
+
+
+def _unseen(table: pd.DataFrame) -> str:
+    """Return the table of agents trained on one phantom and on many, on phantoms that none has seen."""
+    rows = [
+        [
+            _agent(row["algo"], learns=True),
+            cell_name(row["task"], row["noise"]),
+            *(
+                _interval(row[part], row[f"{part}_low"], row[f"{part}_high"])
+                for part in ("seen", "one", "many")
+            ),
+            _number(row["gap"], 3),
+            f"{row['one_seeds']} and {row['many_seeds']}",
+        ]
+        for row in table.to_dict("records")
+    ]
+    head = ["agent", "cell", "one: there", "one: never seen", "many: never seen", "gap", "seeds"]
+    return (
+        "Scores (IQM) with greedy actions of agents that were trained on one phantom or on many: those of "
+        "one there, and both on the same phantoms that none of them has met. The gap is what training on "
+        "many brings there. Written by `usbench transfer`.\n\n" + _table(head, rows)
+    )
 
 
 def _agent(algo: str, learns: bool) -> str:

@@ -90,7 +90,7 @@ def overall(scores: Mapping[str, stats.Array]) -> pd.DataFrame:
         {
             "algo": algo,
             "seeds": len(matrix),
-            **_score(matrix),
+            **score_of(matrix),
             "median": float(stats.median(matrix)),
             "mean": float(stats.mean(matrix)),
             "optimality_gap": float(stats.optimality_gap(matrix)),
@@ -128,7 +128,7 @@ def learning_curves(results: Results, kind: str = SCORED) -> pd.DataFrame:
     rows = []
     for row, own in table[table["steps"] > 0].groupby(keys):
         matrix = own["normalized_score"].to_numpy(np.float64)[:, np.newaxis]
-        rows.append(dict(zip(keys, row, strict=True)) | _score(matrix))
+        rows.append(dict(zip(keys, row, strict=True)) | score_of(matrix))
     return pd.DataFrame(rows, columns=[*keys, *_NO_SCORE])
 
 
@@ -151,7 +151,7 @@ def _asked(trials: pd.DataFrame) -> int:
 
 def _numbers(curves: pd.DataFrame, last: pd.DataFrame) -> dict[str, float]:
     """Return the numbers of a row from the checkpoints of its trials, `last` being the final ones."""
-    interval = _score(last[["normalized_score"]].to_numpy(np.float64)) if len(last) else _NO_SCORE
+    interval = score_of(last[["normalized_score"]].to_numpy(np.float64)) if len(last) else _NO_SCORE
     areas = [
         float(stats.area_under_curve(own["step"], own["normalized_score"]))
         for _, own in curves.groupby("trial")
@@ -165,7 +165,7 @@ def _numbers(curves: pd.DataFrame, last: pd.DataFrame) -> dict[str, float]:
     }
 
 
-def _score(matrix: stats.Array) -> dict[str, float]:
+def score_of(matrix: stats.Array) -> dict[str, float]:
     """Return the IQM and its interval; a single seed has none."""
     generator = np.random.default_rng(BOOTSTRAP_SEED)
     interval = stats.stratified_bootstrap(stats.iqm, matrix, generator=generator)

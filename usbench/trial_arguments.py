@@ -1,4 +1,4 @@
-"""The arguments of the commands that train: run, compare, leaderboard and search."""
+"""The arguments of the commands that train or test: run, compare, leaderboard, transfer and search."""
 
 import argparse
 from pathlib import Path
@@ -38,6 +38,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
     _add_run(subparsers, debug)
     _add_compare(subparsers, debug)
     _add_leaderboard(subparsers, debug)
+    _add_transfer(subparsers, debug)
     _add_search(subparsers, debug)
 
 
@@ -56,6 +57,13 @@ def _add_run(subparsers: Any, debug: argparse.ArgumentParser) -> None:
     run.add_argument("--steps", type=number, metavar="N", help="training steps (default: the task's budget)")
     run.add_argument(
         "--n-frames", type=number, default=4, metavar="N", help="frames in one observation (default 4)"
+    )
+    run.add_argument(
+        "--reward",
+        default="normalized",
+        metavar="KIND",
+        help="what is trained on: normalized (default), or image, computed from the frame alone; "
+        "scores are those of the true reward",
     )
     run.add_argument("--preset", metavar="NAME", help="named hyperparameters, for example spinup")
     run.add_argument(
@@ -128,6 +136,23 @@ def _add_leaderboard(subparsers: Any, debug: argparse.ArgumentParser) -> None:
     )
     _add_leaderboard_file(leaderboard)
     leaderboard.set_defaults(call=commands.leaderboard)
+
+
+def _add_transfer(subparsers: Any, debug: argparse.ArgumentParser) -> None:
+    transfer = subparsers.add_parser(
+        "transfer",
+        parents=[debug],
+        help="test agents of one phantom on phantoms never seen",
+        description="Test every agent of a comparison that was trained on one phantom (pp) on the evaluation "
+        "phantoms of the same task with many (pp-random), and write the leaderboard with both side by side: "
+        "usbench compare --tasks pp pp-random, then this. What was tested is not tested again.",
+    )
+    transfer.add_argument(
+        "--out", type=Path, default=Path("runs"), help="folder with the comparison's trials (default runs)"
+    )
+    _add_leaderboard_file(transfer)
+    transfer.add_argument("--quiet", action="store_true", help="no progress")
+    transfer.set_defaults(call=commands.transfer)
 
 
 def _add_leaderboard_file(parser: argparse.ArgumentParser) -> None:

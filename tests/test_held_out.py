@@ -1,0 +1,81 @@
+"""Agents of one phantom on phantoms never seen: tables worked out by hand, and a test from end to end."""
+
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from usbench import cli, held_out, leaderboard, records, results, suite, transfer
+from usbench.records import ConfigurationError
+
+sys.path.insert(0, str(Path(__file__).with_name("results")))
+
+from tables import seeds, tables, trial
+
+
+def rows_of(*scores):
+    rows = [(f"pp-p0-vpg-s{seed}", "pp-random", 56, score, -9.0, 0.5) for seed, score in enumerate(scores)]
+    return pd.DataFrame(rows, columns=list(held_out.COLUMNS))
+
+
+KNOWN = tables(*seeds("vpg", [0.8, 0.9], task="pp"), *seeds("vpg", [0.5, 0.7], task="pp-random"))
+
+
+def test_the_gap_lies_between_one_and_many_on_the_same_phantoms():
+    (row,) = held_out.table(KNOWN, rows_of(0.1, 0.3)).to_dict("records")
+    assert (row["task"], row["noise"], row["algo"]) == ("pp-random", 0.0, "vpg")
+    # The interquartile mean of two is their mean.
+    assert (row["seen"], row["one"], row["many"]) == pytest.approx((0.85, 0.2, 0.6))
+    assert row["gap"] == pytest.approx(0.4)
+    assert (row["one_seeds"], row["many_seeds"]) == (2, 2)
+    assert row["one_low"] == pytest.approx(0.1) and row["one_high"] == pytest.approx(0.3)
+
+
+def test_only_trials_that_were_tested_have_a_row():
+    assert held_out.table(KNOWN, rows_of()).empty
+    alone = tables(*seeds("vpg", [0.8], task="pp"), trial("ppo", task="pp"))
+    (row,) = held_out.table(alone, rows_of(0.1)).to_dict("records")
+    assert row["algo"] == "vpg" and np.isnan(row["many"]) and np.isnan(row["gap"])
+
+
+def test_the_leaderboard_has_the_track_only_with_tests(tmp_path):
+    folder = leaderboard.files(tmp_path / "leaderboard.md")
+    results.write(KNOWN, folder)
+    assert "never seen" not in leaderboard.write(folder, tmp_path / "leaderboard.md")[0].read_text()
+    held_out.write(rows_of(0.1, 0.3), folder)
+    text = leaderboard.write(folder, tmp_path / "leaderboard.md")[0].read_text()
+    (line,) = [line for line in text.splitlines() if "pp-random, noise 0 |" in line]
+    assert line == (
+        "| `vpg` | pp-random, noise 0 | 0.850 [0.800, 0.900] | 0.200 [0.100, 0.300] | 0.600 [0.500, 0.700] "
+        "| 0.400 | 2 and 2 |"
+    )
+
+
+def test_a_table_of_something_else_is_refused(tmp_path):
+    (tmp_path / held_out.TABLE).write_text("trial,score\na,1\n")
+    with pytest.raises(ValueError, match=r"held_out.csv is not a table of tests"):
+        held_out.read(tmp_path)
+
+
+def test_an_agent_is_tested_once_on_every_phantom_of_the_list(finished, tmp_path, monkeypatch, capsys):
+    results.write(results.collect(finished.parent), tmp_path / "leaderboard_files")
+    command = ["transfer", "--out", str(finished.parent), "--leaderboard", str(tmp_path / "leaderboard.md")]
+    assert cli.main([*command, "--quiet"]) == 0
+    (row,) = held_out.read(tmp_path / "leaderboard_files").to_dict("records")
+    assert (row["trial"], row["task"]) == (finished.name, "pp-random")
+    assert row["episodes"] == len(suite.evaluation_episodes("pp-random"))
+    anchors = suite.anchors("pp-random", records.read_state(finished)["config"]["noise"])
+    expected = (row["return"] - anchors.random) / (anchors.optimal - anchors.random)
+    assert row["normalized_score"] == pytest.approx(expected, abs=1e-4)
+    assert "## Phantoms never seen" in (tmp_path / "leaderboard.md").read_text()
+    shutil.rmtree(finished)
+    assert cli.main([*command, "--quiet"]) == 0  # nothing is opened again
+
+
+def test_without_a_trial_on_one_phantom_there_is_nothing_to_test(tmp_path):
+    results.write(tables(trial("vpg", task="pp-random"), trial("oracle", task="pp")), tmp_path)
+    with pytest.raises(ConfigurationError, match="no finished trial on fp, pp"):
+        transfer.write(tmp_path, tmp_path)
