@@ -150,16 +150,17 @@ def test_single_trial_and_table_are_refused_too(finished):
 def test_comparison_says_it_and_runs_the_rest(finished, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(sweep.run.__kwdefaults__, "executor", lambda: ThreadPoolExecutor(1))
+    monkeypatch.setattr("usbench.comparison.FLOOR_AND_CEILING", ("stay",))
     halve(finished / records.EVALUATIONS)
     argv = ["compare", "--algos", "vpg", "--tasks", "pp", "--noise", "0.5", "--seeds", "1", "--steps", "128"]
     assert cli.main(argv) == 1
     lines = capsys.readouterr().err.splitlines()
     told = [line for line in lines if not line.startswith("simulating")]
-    assert told[0].startswith("4 trials to run, 0 finished already")
-    assert told[1] == "[1/4] vpg on pp, noise 0.5, seed 0: failed"
+    assert told[0].startswith("2 trials to run, 0 finished already")
+    assert told[1] == "[1/2] vpg on pp, noise 0.5, seed 0: failed"
     assert lines[-1].startswith("usbench: error: ") and "evaluations.jsonl is damaged" in lines[-1]
     assert [line for line in lines if "seed 0 failed" in line and "evaluations.jsonl is damaged" in line]
-    assert len(list(finished.parent.glob("*/model.zip"))) == 4
+    assert len(list(finished.parent.glob("*/model.zip"))) == 2
 
 
 def test_checkpoints_that_a_kill_left_beside_a_finished_trial_are_removed(finished):

@@ -99,7 +99,7 @@ def test_sweeps_and_their_workers_killed_at_random_moments(undisturbed_sweep, tm
     assert not list(tmp_path.rglob("*.part"))
     print(f"sweeps: {kills} kills")
     # Nothing lives on, nor waits to be reaped.
-    for _ in range(100):
+    for _ in range(600):
         left = [left for pid in pids for left in children.session(pid)]
         if not left:
             return
