@@ -6,7 +6,7 @@ from functools import lru_cache
 
 from usbench.envs import response, rf
 
-ENGINES_OWN = 4
+NAME = "response_table"
 
 
 def keep(n_depths: int) -> None:
@@ -15,5 +15,5 @@ def keep(n_depths: int) -> None:
     The engine keeps four, enough where all frames of one depth are made together. A table takes a second or
     more to make, so that a probe that refocuses between more depths would wait for one at nearly every step.
     """
-    if n_depths > ENGINES_OWN and rf.response_table.cache_parameters()["maxsize"] < n_depths:
-        rf.response_table = lru_cache(maxsize=n_depths)(response.response_table.__wrapped__)
+    if n_depths > getattr(rf, NAME).cache_parameters()["maxsize"]:
+        setattr(rf, NAME, lru_cache(maxsize=n_depths)(response.response_table.__wrapped__))

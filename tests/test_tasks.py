@@ -178,3 +178,22 @@ def test_a_trial_on_the_image_is_another_trial_and_any_other_reward_is_refused()
     assert image.hash != plain.hash
     with pytest.raises(ConfigurationError, match="unknown reward 'paper'.*'normalized', 'image'"):
         runner.resolve("vpg", "pp", reward="paper")
+
+
+def test_a_checkpoint_finds_the_phantom_of_its_episode_again(quick):
+    first, second = (Recorder(suite.make_env("pp-random", noise=0.5), lambda _: None) for _ in range(2))
+    first.reset(seed=3)
+    for action in (3, 1, 2) * 5 + (0,):
+        first.step(action)
+    first.reset()
+    seen = [first.step(action)[0] for action in (4, 4, 1)][-1]
+    assert np.array_equal(second.put_back(first.state()), seen)
+    assert second.unwrapped.phantom == first.unwrapped.phantom
+    assert second.unwrapped.pose == first.unwrapped.pose
+
+
+def test_a_replay_buffer_holds_the_whole_budget_unless_told_otherwise():
+    sizes = {task: runner.resolve("dqn", task).hyperparameters["buffer_size"] for task in ("pp", "exam")}
+    assert sizes == {"pp": 16_064, "exam": 32_128}
+    told = runner.resolve("dqn", "exam", overrides={"buffer_size": "100"})
+    assert told.hyperparameters["buffer_size"] == 100

@@ -50,6 +50,10 @@ def resolve(
         if task not in suite.TASKS:
             raise unknown("task", task, suite.TASKS)
         hyperparameters = zoo.hyperparameters(algo, task, preset=preset, overrides=overrides or {})
+        # Nothing is forgotten over the task's whole budget.
+        if "buffer_size" in hyperparameters and "buffer_size" not in (overrides or {}):
+            budget = suite.TASKS[task].steps
+            hyperparameters["buffer_size"] = max(int(hyperparameters["buffer_size"]), budget)
         noise = check_noise(noise)
         seed = check_seed(seed)
         steps = whole_number("steps", suite.TASKS[task].steps if steps is None else steps)

@@ -8,6 +8,7 @@ import platform
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -61,12 +62,17 @@ def prepare_frames(task: str, report: Callable[[int, int], None] | None = None) 
     states = suite.TASKS[task].guidance.states
     phantoms = suite.evaluation_phantoms(task)
     digests = []
-    for phantom in phantoms:
+    for number, phantom in enumerate(phantoms):
         store = frame_store(phantom, plain.probe, plain.imaging)
-        store.prepare(states, report)
+        store.prepare(states, report and partial(_of_all, report, number, len(phantoms)))
         digests.append(store.digest(states))
     together = digests[0] if len(digests) == 1 else hashlib.sha256("".join(digests).encode()).hexdigest()
     return {"digest": together, "poses": len(phantoms) * len(states)}
+
+
+def _of_all(report: Callable[[int, int], None], number: int, count: int, done: int, total: int) -> None:
+    """Report that the phantoms before `number` are done, of `count` of them with `total` frames each."""
+    report(number * total + done, count * total)
 
 
 def run_trial(
