@@ -114,7 +114,7 @@ def test_broken_trials_are_left_out(finished):
         folder = finished.parent / f"broken{number}"
         folder.mkdir()
         (folder / records.TRIAL).write_text(text)
-    (trial,) = guide_agents.find([finished.parent])
+    (trial,) = guide_agents.find(finished.parent)
     assert trial.name == finished.name and trial.label.startswith("vpg, seed 0, noise 0.5, score ")
     evaluations = records.load(finished)
     last = evaluations[(evaluations["checkpoint"] == 128) & evaluations["deterministic"]]
@@ -145,14 +145,29 @@ def wait_for_training(session):
     return session.state()["training"]
 
 
-def test_trained_agent_takes_over_from_the_optimum(session, finished, monkeypatch):
-    # In place of `usbench run`: a trial appears where that would leave it.
-    copy = f"import shutil, sys; shutil.copytree({str(finished)!r}, sys.argv[-2] + '/' + NAME)"
+def leaving(finished, monkeypatch):
+    """Let a training leave `finished` where `usbench run` would, all at once; return the name there."""
     name = guide_training.resolve("dqn", "pp", steps=guide_training.STEPS).folder_name
-    monkeypatch.setattr(guide_training, "USBENCH", [sys.executable, "-c", copy.replace("NAME", repr(name))])
+    copy = (
+        f"import os, shutil, sys; runs = sys.argv[-2]; shutil.copytree({str(finished)!r}, runs + '.part'); "
+        f"os.makedirs(runs, exist_ok=True); os.rename(runs + '.part', runs + '/{name}')"
+    )
+    monkeypatch.setattr(guide_training, "USBENCH", [sys.executable, "-c", copy])
+    return name
+
+
+def test_trained_agent_takes_over_from_the_optimum(session, finished, monkeypatch):
+    name = leaving(finished, monkeypatch)
     assert wait_for_training(session)["status"] == "finished"
     assert session.agent == name and session.message.startswith("Trained: ")
     assert not session.state()["training"]["offered"]
+
+
+def test_training_that_leaves_no_model_changes_nothing(session, finished, monkeypatch):
+    (finished / records.MODEL).unlink()
+    leaving(finished, monkeypatch)
+    assert wait_for_training(session)["status"] == "finished"
+    assert session.agent == ORACLE and session.message == ""
 
 
 def test_training_that_fails_says_why(session, monkeypatch):

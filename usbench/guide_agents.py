@@ -15,8 +15,6 @@ from usbench.models import load_agent
 from usbench.records import ConfigurationError
 
 ORACLE = "oracle"
-# Trials that come with the package, where it has any.
-SHIPPED = Path(__file__).with_name("policies")
 
 
 @dataclass(frozen=True)
@@ -43,9 +41,9 @@ class Known:
         return self.folder.name
 
 
-def find(runs: Iterable[Path]) -> list[Known]:
+def find(runs: Path) -> list[Known]:
     """Return the trials in `runs` that left a model, by name; a trial that cannot be read is left out."""
-    found = [trial for folder in runs for path in records.trial_folders(folder) if (trial := _known(path))]
+    found = [trial for path in records.trial_folders(runs) if (trial := _known(path))]
     return sorted(found, key=lambda trial: trial.name)
 
 

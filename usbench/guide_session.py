@@ -10,7 +10,7 @@ from usbench import guide_agents, guide_view, suite
 from usbench.agents.hyperparameters import check_seed
 from usbench.envs.guidance import check_noise, unknown
 from usbench.guide import Examination, Opened
-from usbench.guide_agents import ORACLE, SHIPPED, Known
+from usbench.guide_agents import ORACLE, Known
 from usbench.guide_training import QuickTraining
 from usbench.records import ConfigurationError
 
@@ -133,7 +133,7 @@ class Session:
     def _welcome(self, name: str, task: str) -> None:
         """Let an agent advise that has just been trained, unless something else was chosen meanwhile."""
         self._find()
-        if self.agent == ORACLE and task == self._task:
+        if name in self._trials and self.agent == ORACLE and task == self._task:
             self.choose(agent=name)
             self.message = f"Trained: {self._label()} advises from now on."
 
@@ -164,7 +164,7 @@ class Session:
 
     def _find(self) -> None:
         given = [] if self._given is None else [self._given]
-        found = [*guide_agents.find([self._runs, SHIPPED]), *given]
+        found = [*guide_agents.find(self._runs), *given]
         self._trials: dict[str, Known] = {trial.name: trial for trial in found}
 
     def _settle(self) -> None:
