@@ -40,7 +40,8 @@ def episode(generator, task, number, step):
 
 def write(runs, config, model):
     """Write the folder of a trial whose agent did anything; one that learns leaves `model`."""
-    generator = np.random.default_rng(config.seed)
+    # No two trials alike, or lines in figures would cover each other.
+    generator = np.random.default_rng(list(config.folder_name.encode()))
     folder = runs / config.folder_name
     folder.mkdir()
     steps = [config.steps * part // EPISODES for part in range(1, EPISODES + 1)] if config.steps else []
