@@ -82,7 +82,8 @@ def evaluation_episodes(task: str) -> tuple[EvaluationEpisode, ...]:
         known = tuple(known[k] for k in order[: row.drawn_starts])
     starts = [start for start in known for _ in range(row.repeats)]
     seeds = np.random.SeedSequence(EVALUATION_ENTROPY).generate_state(len(starts), np.uint64)
-    phantoms = [FIRST_HELD_OUT + k for k in range(row.phantoms)] or [None]
+    held_out: list[int | None] = [FIRST_HELD_OUT + k for k in range(row.phantoms)]
+    phantoms = held_out or [None]
     return tuple(
         EvaluationEpisode(number, int(seed), start, phantoms[number % len(phantoms)])
         for number, (seed, start) in enumerate(zip(seeds, starts, strict=True))
