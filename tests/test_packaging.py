@@ -77,7 +77,8 @@ def test_every_dependency_is_pinned_for_any_index():
         line.split("==") for line in (ROOT / "constraints.txt").read_text().splitlines() if "==" in line
     )
     names = {name.lower().replace("_", "-") for name in pins}
-    declared = PROJECT["project"]["dependencies"] + PROJECT["project"]["optional-dependencies"]["dev"]
+    extras = PROJECT["project"]["optional-dependencies"]
+    declared = PROJECT["project"]["dependencies"] + extras["dev"] + extras["docs"]
     assert {requirement.split(">=")[0] for requirement in declared} <= names
     # A local version such as +cpu exists on one index only.
     assert not [version for version in pins.values() if "+" in version]
