@@ -46,7 +46,7 @@ def costs(task: Task, noise: float) -> Floats:
 
     Expected over an episode that begins in the state and goes on with the best actions; 0 for the best.
     """
-    return oracle.policy(task, noise).costs[0]
+    return np.asarray(oracle.policy(task, noise).costs[0])
 
 
 def is_best(task: Task, noise: float, actions: Actions) -> npt.NDArray[np.bool_]:
