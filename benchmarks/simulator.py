@@ -32,7 +32,7 @@ from usbench.envs.pose import Pose
 from usbench.envs.probe import DEFAULT_ARRAY
 from usbench.envs.probe_plane import PROBE_PLANE
 from usbench.envs.random_phantoms import FocalPointRandomEnv, ProbePlaneRandomEnv
-from usbench.envs.response import response_table
+from usbench.envs.response import forget_tables
 from usbench.envs.rf import simulate_iq, simulate_rf
 from usbench.envs.scanner import scan, scan_batch
 
@@ -196,7 +196,7 @@ def ratio() -> Iterator[Row]:
 
 def all_frames() -> None:
     """Simulate all frames of both tasks and print seconds for PP, for both, and the peak memory in MB."""
-    response_table.cache_clear()
+    forget_tables()
     store = FrameStore(Phantom(), DEFAULT_ARRAY, DEFAULT_IMAGING)
     start = time.perf_counter()
     store.prepare(PROBE_PLANE.states)

@@ -8,12 +8,12 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from usbench.envs import tables
 from usbench.envs.focal_point import FOCAL_POINT
 from usbench.envs.guidance import COORDINATES, GuidanceEnv
 from usbench.envs.phantom import ObjectOfInterest, Phantom
 from usbench.envs.pose import Pose, whole_number
 from usbench.envs.probe_plane import PROBE_PLANE
+from usbench.envs.response import keep_tables
 
 # Phantoms with seeds from here on are for evaluation; training draws its own below, so the two never meet.
 FIRST_HELD_OUT = 2**31
@@ -71,7 +71,7 @@ class RandomPhantomEnv(GuidanceEnv):
             raise TypeError(f"phantoms must be of type PhantomDistribution, not {phantoms!r}.")
         super().__init__(**kwargs)
         self.phantoms = phantoms or self.distribution
-        tables.keep(len({pose.focal_depth_mm for pose in self.task.states}))
+        keep_tables(len({pose.focal_depth_mm for pose in self.task.states}))
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

@@ -60,7 +60,6 @@ class ResponseTable:
     span: tuple[int, int]
 
 
-@lru_cache(maxsize=4)  # 10 to 60 MB each
 def response_table(
     array: LinearArray, focal_depth: float, u_max: float, z_max: float, offset: float | None = None
 ) -> ResponseTable:
@@ -74,6 +73,28 @@ def response_table(
         offset: Line position minus centre of the active aperture, m, for a table of that offset, on the side
             u >= 0 alone; None for all orders.
     """
+    return _tables(array, focal_depth, u_max, z_max, offset)
+
+
+def keep_tables(n_depths: int) -> None:
+    """Let this process keep the tables of `n_depths` focal depths, some 10 to 60 MB each (18: 330 MB).
+
+    Four are kept anyway, enough where all frames of one depth are made together. A table takes a second or
+    more to make: a probe that refocuses between more depths would wait for one at nearly every step.
+    """
+    global _tables
+    if n_depths > _tables.cache_parameters()["maxsize"]:
+        _tables = lru_cache(maxsize=n_depths)(_tabulated)
+
+
+def forget_tables() -> None:
+    """Let go of all tables that are kept."""
+    _tables.cache_clear()
+
+
+def _tabulated(
+    array: LinearArray, focal_depth: float, u_max: float, z_max: float, offset: float | None
+) -> ResponseTable:
     depths = depth_grid(focal_depth, z_max)
     depths = np.append(depths, 2 * depths[-1] - depths[-2])
     frequencies, n_samples = _band(array)
@@ -89,6 +110,9 @@ def response_table(
     chunks = [depths[i : i + _ROWS + 1] for i in range(0, len(depths) - 1, _ROWS)]
     rows = in_parallel(lambda chunk: tabulate(beam, chunk, n_samples), chunks)
     return _joined(orders_of(beam), depths[:-1], float(beam.u[1]), rows)
+
+
+_tables = lru_cache(maxsize=4)(_tabulated)
 
 
 def depth_grid(focal_depth: float, z_max: float) -> Floats:

@@ -185,7 +185,7 @@ def test_both_batch_norm_modes_come_to_agree() -> None:
     assert 0 <= float(divergence) < 0.02
 
 
-@pytest.mark.parametrize("dtype", [np.float32, np.uint8])
+@pytest.mark.parametrize("dtype", [np.float32, pytest.param(np.uint8, marks=pytest.mark.slow)])
 def test_learns_a_trivial_environment(dtype: type) -> None:
     model = VPG("CnnPolicy", Signs(dtype=dtype), learning_rate=1e-3, gae_lambda=0.0, gamma=0.5, seed=0)
     model.learn(64 * 25)

@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 
-from usbench.envs import response, rf, tables
 from usbench.envs.examination import ExaminationStopEnv
 from usbench.envs.likeness import TEXTBOOK, likeness, standard_view
 from usbench.envs.oracle import policy
 from usbench.envs.pose import Pose
 from usbench.envs.probe_plane import PROBE_PLANE, ProbePlaneEnv
-from usbench.envs.random_phantoms import LAST, FocalPointRandomEnv, ProbePlaneRandomEnv
+from usbench.envs.random_phantoms import LAST, ProbePlaneRandomEnv
 from usbench.envs.scanner import scan
 
 
@@ -95,14 +94,3 @@ def test_in_tissue_never_seen_the_standard_plane_is_most_like_the_textbook():
     alike = [likeness(scan(phantom, Pose(x, depth_mm, angle)), view) for x, angle in poses]
     assert alike[0] > 0.85 and alike[0] > max(alike[1:]) + 0.03
     assert alike[1] > alike[2]
-
-
-def test_a_task_that_refocuses_keeps_the_tables_of_all_its_depths(monkeypatch):
-    monkeypatch.setattr(rf, "response_table", response.response_table)
-    ProbePlaneRandomEnv()
-    assert rf.response_table is response.response_table
-    FocalPointRandomEnv()
-    assert rf.response_table.cache_parameters()["maxsize"] == 18
-    kept = rf.response_table
-    tables.keep(12)
-    assert rf.response_table is kept

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
+from usbench.envs import random_phantoms
 from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Pose
 from usbench.envs.random_phantoms import (
@@ -135,3 +136,11 @@ def test_an_own_distribution_can_be_given(coded):
     env.reset(seed=0)
     assert env.target == Pose(5, 50, 30)
     assert env.phantom.object_of_interest.scale == 0.8
+
+
+def test_a_task_that_refocuses_keeps_the_tables_of_all_its_depths(monkeypatch):
+    asked = []
+    monkeypatch.setattr(random_phantoms, "keep_tables", asked.append)
+    for env_class in (ProbePlaneRandomEnv, FocalPointRandomEnv):
+        env_class()
+    assert asked == [1, 18]

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from usbench.envs import response
 from usbench.envs.probe import LinearArray
-from usbench.envs.response import depth_grid, response_table
+from usbench.envs.response import depth_grid, keep_tables, response_table
 
 ARRAY = LinearArray(n_elements=96, n_active=32)
 FOCUS = 30e-3
@@ -70,3 +71,15 @@ def test_parts_lie_within_their_cell_and_the_waveforms():
 
 def test_is_made_once():
     assert response_table(ARRAY, FOCUS, 40e-3, 90e-3) is response_table(ARRAY, FOCUS, 40e-3, 90e-3)
+
+
+def test_tables_are_kept_of_so_many_depths_as_were_asked_for(monkeypatch):
+    made = []
+    monkeypatch.setattr(response, "_tabulated", lambda *where: made.append(where[1]))
+    monkeypatch.setattr(response, "_tables", response._tables)
+    depths = [1e-3 * k for k in range(1, 7)]
+    keep_tables(6)
+    keep_tables(2)  # fewer than are kept already
+    for depth in depths * 2:
+        response_table(ARRAY, depth, 40e-3, 90e-3)
+    assert made == depths

@@ -55,6 +55,7 @@ def test_short_foci_of_the_whole_aperture(focal_depth):
     check(ARRAY, focal_depth, np.array([-1.25e-3, 6.5e-3]), points, rng.normal(size=30), bound=0.95)
 
 
+@pytest.mark.slow
 def test_an_array_of_very_wide_elements_has_many_lobes():
     # A pitch of 5 wavelengths: more orders than lobes of an ordinary array.
     array = LinearArray(element_width=2.1e-3, kerf=0.1e-3, n_elements=16, n_active=8)

@@ -13,7 +13,7 @@ from usbench.envs.rf import simulate_iq
 
 
 def _digest():
-    response.response_table.cache_clear()
+    response.forget_tables()
     elevation.elevation_taps.cache_clear()
     array = LinearArray(**SMALL)
     iq, _ = simulate_iq(CLOUD, WEIGHTS, array, 35e-3, np.arange(-7, 8) * 1.3e-3)
