@@ -33,9 +33,10 @@ class Notes:
 
 
 def start(**settings):
-    """A cluster on loopback, without a dashboard; its workers' trials are quick."""
+    """A cluster on loopback, without a dashboard; trials of workers in processes of their own are quick."""
+    preload = ["sweep_worker"] if settings.get("processes", True) else []
     local = distributed.LocalCluster(
-        **{"n_workers": 2, "threads_per_worker": 1, "preload": ["sweep_worker"], **settings},
+        **{"n_workers": 2, "threads_per_worker": 1, "preload": preload, **settings},
         host="127.0.0.1",
         protocol="tcp://",
         dashboard_address=None,

@@ -1,5 +1,7 @@
 """The table of responses: what it covers, and what theory says about the beam in it."""
 
+from functools import lru_cache
+
 import numpy as np
 import pytest
 
@@ -76,7 +78,7 @@ def test_is_made_once():
 def test_tables_are_kept_of_so_many_depths_as_were_asked_for(monkeypatch):
     made = []
     monkeypatch.setattr(response, "_tabulated", lambda *where: made.append(where[1]))
-    monkeypatch.setattr(response, "_tables", response._tables)
+    monkeypatch.setattr(response, "_tables", lru_cache(maxsize=4)(response._tabulated))
     depths = [1e-3 * k for k in range(1, 7)]
     keep_tables(6)
     keep_tables(2)  # fewer than are kept already
