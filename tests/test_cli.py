@@ -84,20 +84,13 @@ def test_trial_from_end_to_end_and_once_more(capsys, tmp_path, quick):
     assert captured.err == ""
 
 
-def test_single_frames_can_be_asked_for(tmp_path, quick):
-    assert cli.main([*RUN, "--n-frames", "1", "--quiet", "--out", str(tmp_path)]) == 0
+def test_quiet_run_of_single_frames_tells_what_is_not_learned_from(capsys, tmp_path, quick):
+    command = [*RUN[:-1], "100", "--n-frames", "1", "--quiet", "--out", str(tmp_path)]
+    assert cli.main(command) == 0
+    captured = capsys.readouterr()
+    assert captured.err == "" and "last 36 of 100 steps" in captured.out
     (folder,) = records.trial_folders(tmp_path)
     assert records.read_state(folder)["config"]["n_frames"] == 1
-
-
-def test_quiet_says_nothing_on_stderr(capsys, tmp_path, quick):
-    assert cli.main(["run", "--algo", "stay", "--task", "fp", "--quiet", "--out", str(tmp_path)]) == 0
-    assert capsys.readouterr().err == ""
-
-
-def test_steps_that_are_not_learned_from_are_said(capsys, tmp_path, quick):
-    assert cli.main([*RUN[:-1], "100", "--quiet", "--out", str(tmp_path)]) == 0
-    assert "last 36 of 100 steps" in capsys.readouterr().out
 
 
 def test_failure_while_running_is_one_sentence_and_status_1(capsys, tmp_path, quick, monkeypatch):

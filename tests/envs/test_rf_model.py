@@ -47,7 +47,7 @@ def test_any_focal_depth(focal_depth):
     check(LinearArray(**SMALL), focal_depth)
 
 
-@pytest.mark.parametrize("focal_depth", [5e-3, 10e-3])
+@pytest.mark.parametrize("focal_depth", [5e-3, pytest.param(10e-3, marks=pytest.mark.slow)])
 def test_short_foci_of_the_whole_aperture(focal_depth):
     # Delays between neighbours exceed half a wavelength, hence grating lobes of several orders at once.
     rng = np.random.default_rng(8)
