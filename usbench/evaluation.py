@@ -12,14 +12,12 @@ import numpy.typing as npt
 import torch
 
 from usbench import suite
-from usbench.records import Evaluation
+from usbench.records import OF_A_PHANTOM, Evaluation
 
 # Seed of the actions that a stochastic agent draws in evaluations; the episodes' own seeds are the suite's.
 ACTION_SEED = 20_190_001
 
 POSE_KEYS = ("x_mm", "focal_depth_mm", "angle_deg")
-# In `info` where every episode has a phantom of its own.
-PHANTOM_KEYS = ("phantom", "target_x_mm", "target_focal_depth_mm", "target_angle_deg")
 
 
 class Agent(Protocol):
@@ -68,7 +66,7 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
         self._origin = self.unwrapped.np_random.bit_generator.state if seed is None else seed
         observation, info = self.env.reset(seed=seed, options=options)
         self._start = {f"start_{key}": int(info[key]) for key in POSE_KEYS}
-        self._start |= {key: int(info[key]) for key in PHANTOM_KEYS if key in info}
+        self._start |= {key: int(info[key]) for key in OF_A_PHANTOM if key in info}
         self._return = 0.0
         self._to_goal: int | None = None
         self._actions: list[int] = []

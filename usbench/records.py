@@ -25,7 +25,8 @@ SCHEMA = 1
 STATUSES = ("running", "interrupted", "failed", "finished")
 TRIAL, EPISODES, EVALUATIONS, MODEL = "trial.json", "episodes.jsonl", "evaluations.jsonl", "model.zip"
 TENSORBOARD, CHECKPOINTS = "tensorboard", "checkpoints"
-_OF_A_PHANTOM = ("phantom", "target_x_mm", "target_focal_depth_mm", "target_angle_deg")
+# In `info` and in files where every episode has a phantom of its own.
+OF_A_PHANTOM = ("phantom", "target_x_mm", "target_focal_depth_mm", "target_angle_deg")
 _EARLIER = re.compile(r"\.earlier-\d+$")
 
 
@@ -110,7 +111,7 @@ class Episode:
         """Return the line of the record file, as a dictionary."""
         row = {key.rstrip("_"): value for key, value in asdict(self).items()}
         if self.phantom is None:
-            for key in _OF_A_PHANTOM:
+            for key in OF_A_PHANTOM:
                 del row[key]
         return row
 
