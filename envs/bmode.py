@@ -10,7 +10,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 import numpy.typing as npt
-from scipy import signal, sparse
+from scipy import sparse
 
 
 @dataclass(frozen=True)
@@ -67,6 +67,8 @@ def envelope(signals: npt.ArrayLike) -> npt.NDArray[np.float32]:
     if not np.isfinite(array).all():
         raise ValueError("signals must be finite, without NaN.")
     if not np.iscomplexobj(array):
+        from scipy import signal  # takes a second, and frames of the simulator need it not
+
         padded = 2 ** math.ceil(math.log2(2 * len(array)))  # as the transform is periodic
         array = signal.hilbert(array, N=padded, axis=0)[: len(array)]
     return np.asarray(np.abs(array), dtype=np.float32)

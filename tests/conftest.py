@@ -3,10 +3,14 @@
 import dataclasses
 import hashlib
 import shutil
+import signal
 from pathlib import Path
 
 import numpy as np
 import pytest
+
+# Shells start what runs in the background deaf to Ctrl-C, and some tests send one.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session", autouse=True)

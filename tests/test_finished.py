@@ -75,7 +75,7 @@ def other_seed(path):
         *itertools.product(
             (records.EPISODES, records.EVALUATIONS, records.MODEL), (halve, empty, change, remove)
         ),
-        *itertools.product((records.TRIAL,), (halve, empty, other_seed)),
+        *itertools.product((records.TRIAL,), (halve, empty, change, other_seed)),
     ],
 )
 def test_damaged_file_of_a_finished_trial_is_said_in_one_sentence(finished, name, damage):
@@ -99,6 +99,22 @@ def test_trial_without_its_record_is_run_again_and_has_the_same_bits(finished):
     assert trials.bits(finished) == bits
     # What was there is kept.
     assert (finished.parent / f"{finished.name}.earlier-1" / records.EPISODES).exists()
+
+
+def test_every_changed_digit_of_a_record_is_noticed(finished):
+    path = finished / records.TRIAL
+    text, state = path.read_text(), records.read_state(finished)
+    digits = [place for place, letter in enumerate(text) if letter.isdigit()]
+    assert len(digits) > 300  # times, versions, anchors and settings among them
+    for place in digits:
+        path.write_text(text[:place] + str((int(text[place]) + 1) % 10) + text[place + 1 :])
+        try:
+            # The seventeenth digit of a number may say nothing.
+            assert records.read_state(finished) == state, place
+        except ValueError as refused:
+            assert str(refused).startswith(str(path))
+    path.write_text(text)
+    assert is_finished(config(), finished.parent)
 
 
 @pytest.mark.parametrize("damage", [halve, empty, change, remove])
@@ -133,7 +149,7 @@ def test_agents_that_do_not_learn_have_models_too(quick, tmp_path):
 def test_records_of_earlier_versions_without_checksums_are_finished_too(finished):
     state = records.read_state(finished)
     del state["checksums"]
-    records.write_state(finished, state)
+    (finished / records.TRIAL).write_text(json.dumps(state))
     assert swept(finished.parent) == ([(0, 1)], [None])
 
 
@@ -174,8 +190,7 @@ def test_checkpoints_that_a_kill_left_beside_a_finished_trial_are_removed(finish
     "name", ["/dev/zero", "../../outside", "tensorboard/../../outside", "tensorboard", ""]
 )
 def test_names_in_a_record_lead_nowhere_else(finished, name):
-    state = json.loads((finished / records.TRIAL).read_text())
-    (finished / records.TRIAL).write_text(json.dumps({**state, "checksums": {name: "0" * 64}}))
+    records.write_state(finished, records.read_state(finished) | {"checksums": {name: "0" * 64}})
     for read in (
         lambda: records.read_state(finished),
         lambda: records.load(finished),

@@ -60,9 +60,9 @@ def refusal(path, **named):
 
 
 def change_record(folder, **changes):
-    state = json.loads((folder / records.TRIAL).read_text())
+    state = records.read_state(folder)
     state["config"] |= changes
-    (folder / records.TRIAL).write_text(json.dumps(state))
+    records.write_state(folder, state)
 
 
 def observations(task, n=5):

@@ -2,7 +2,6 @@
 
 import base64
 import io
-import json
 import re
 import shutil
 import subprocess
@@ -67,10 +66,10 @@ def made(runs, out):
 def add(runs, name, **changes):
     """Copy the trial's record to another seed of another status."""
     (trial,) = records.trial_folders(runs)
-    state = json.loads((trial / records.TRIAL).read_text()) | changes
+    state = records.read_state(trial) | changes
     state["config"]["seed"] = 1
     (runs / name).mkdir()
-    (runs / name / records.TRIAL).write_text(json.dumps(state))
+    records.write_state(runs / name, state)
 
 
 def test_page_is_whole_and_closed_to_the_outside(runs, tmp_path):

@@ -1,7 +1,5 @@
 """Small trials of every algorithm, how they end, and what of them must have the same bits."""
 
-import json
-
 import pytest
 import torch
 
@@ -30,9 +28,8 @@ def config(algo, steps=STEPS, seed=0):
 
 def bits(folder):
     """Everything that a finished trial must have to the bit: records, story, weights, optimizers."""
-    algo = records.read_state(folder)["config"]["algo"]
-    model = zoo.model_class(algo).load(folder / records.MODEL, device="cpu")
-    state = json.loads((folder / records.TRIAL).read_text())
+    state = records.read_state(folder)
+    model = zoo.model_class(state["config"]["algo"]).load(folder / records.MODEL, device="cpu")
     journals = [(folder / name).read_bytes() for name in (records.EPISODES, records.EVALUATIONS)]
     story = {key: value for key, value in state.items() if key not in TIMES}
     return journals, story, model.num_timesteps, list(_numbers(model.get_parameters()))

@@ -1,13 +1,23 @@
 """Checksums of records, so that what was damaged after a trial is not taken for what it wrote."""
 
 import hashlib
+import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
+
+# Where `trial.json` keeps the checksum of everything else in it.
+KEY = "checksum"
 
 
 def of(folder: Path, names: Iterable[str]) -> dict[str, str]:
     """Return the SHA-256 of the files `names` in `folder`."""
     return {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in names}
+
+
+def of_state(state: Mapping[str, Any]) -> str:
+    """Return the SHA-256 of what stands in `trial.json`, as JSON gives it back, whatever its layout."""
+    return hashlib.sha256(json.dumps(state, sort_keys=True).encode()).hexdigest()
 
 
 def check(folder: Path, expected: Mapping[str, str]) -> None:

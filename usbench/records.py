@@ -182,16 +182,17 @@ def write_state(folder: Path, state: Mapping[str, Any]) -> None:
     """
     if state["status"] not in STATUSES:
         raise ValueError(f"status must be one of {', '.join(STATUSES)}, not {state['status']!r}.")
+    content = json.loads(json.dumps({"schema": SCHEMA, **state}, default=str))
+    content[checksums.KEY] = checksums.of_state(content)
     with atomic_file(folder / TRIAL) as file:
-        text = json.dumps({"schema": SCHEMA, **state}, indent=2, sort_keys=True, default=str)
-        file.write(text.encode() + b"\n")
+        file.write(json.dumps(content, indent=2, sort_keys=True).encode() + b"\n")
 
 
 def read_state(folder: Path) -> dict[str, Any]:
     """Read `trial.json`; an empty dictionary if there is none.
 
     Raises:
-        ValueError: If the file is not the JSON that `write_state` writes.
+        ValueError: If the file is not the JSON that `write_state` writes, or was changed since.
     """
     path = folder / TRIAL
     try:
@@ -204,6 +205,9 @@ def read_state(folder: Path) -> dict[str, Any]:
         raise ValueError(f"{path} is not a trial record: it holds {type(state).__name__}, not an object.")
     if state.get("schema", SCHEMA) != SCHEMA:
         raise ValueError(f"{path} has schema {state['schema']!r}; this version reads schema {SCHEMA}.")
+    # Trials of earlier versions have none.
+    if state.pop(checksums.KEY, None) not in (None, checksums.of_state(state)):
+        raise checksums.damaged(path)
     wellformed.check(path, state)
     return state
 
