@@ -52,6 +52,7 @@ $(VENV)/.docs: $(STAMP)
 	@touch $@
 
 docs: $(VENV)/.docs  ## build the site into build/docs, the notebook run anew; a warning is an error
+	rm -rf docs/api
 	$(BIN)/sphinx-build --quiet --fresh-env --fail-on-warning --keep-going -d build/doctrees docs build/docs
 
 compare: $(STAMP)  ## run what is missing of the paper's grid for every algorithm (many hours), write leaderboard.md
