@@ -102,6 +102,12 @@ def test_leaderboard_without_tables_is_refused_in_one_sentence(here, capsys):
     assert "no trials.csv in 'leaderboard_files'" in error and error.count("\n") == 1
 
 
+def test_report_of_nothing_is_refused_in_one_sentence(here, capsys):
+    assert cli.main(["compare", *FLOOR, "--report-only", "--out", "none"]) == 1
+    error = capsys.readouterr().err
+    assert "there is no folder 'none' with trials" in error and error.count("\n") == 1
+
+
 def test_failed_trial_is_listed_and_the_status_is_1(here, no_figures, capsys, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
@@ -126,6 +132,10 @@ def test_interrupted_comparison_goes_on_where_it_was(here, no_figures, capsys, m
     monkeypatch.setattr(sweep, "work", interrupted)
     assert cli.main(["compare", *FLOOR, "--quiet"]) == 130
     assert "interrupted" in capsys.readouterr().err
+    # What there is so far, and nothing is run for it.
+    assert cli.main(["compare", *FLOOR, "--report-only"]) == 0
+    assert "3 of 6" in Path("leaderboard.md").read_text() and len(n_calls) == 4
+    capsys.readouterr()
     assert cli.main(["compare", *FLOOR]) == 0
     assert "3 trials to run, 3 finished already" in capsys.readouterr().err
 

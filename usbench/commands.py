@@ -1,8 +1,15 @@
 """What each command does, given its arguments; everything heavy is imported when a command runs."""
 
+from __future__ import annotations
+
 import argparse
 import contextlib
 import sys
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from usbench.records import TrialConfig
+    from usbench.sweep import Outcome
 
 
 def run(args: argparse.Namespace) -> None:
@@ -39,28 +46,12 @@ def run(args: argparse.Namespace) -> None:
 
 def compare(args: argparse.Namespace) -> None:
     """Run what is missing of a comparison, then write its leaderboard and figures."""
-    from usbench import comparison, sweep, sweep_console
-    from usbench.envs.threads import n_threads
+    from usbench import comparison, sweep_console
 
     jobs = None if args.jobs is None else comparison.positive("jobs", args.jobs)
     planned = comparison.plan(args.algos, args.tasks, args.noise, args.seeds, args.steps)
     comparison.prepare(args.leaderboard)
-    with sweep_console.SweepBars(args.quiet) as bars:
-        if args.cluster is None:
-            outcomes = sweep.run(planned, args.out, bars, jobs=jobs or n_threads())
-        else:
-            from usbench.cluster import Cluster
-
-            with Cluster(args.cluster) as workers:
-                outcomes = sweep.run(
-                    planned,
-                    args.out,
-                    bars,
-                    jobs=jobs or workers.n_workers,
-                    executor=lambda: workers,
-                    # All at once, for workers that are still to come.
-                    submitted=jobs or len(planned),
-                )
+    outcomes = [] if args.report_only else _run_missing(args, planned, jobs)
     # First: damaged records make no leaderboard.
     failed = sweep_console.failures(outcomes)
     for line in failed:
@@ -71,6 +62,27 @@ def compare(args: argparse.Namespace) -> None:
         raise RuntimeError(
             f"{len(failed)} of {len(planned)} trials failed; the same command tries them again."
         )
+
+
+def _run_missing(args: argparse.Namespace, planned: list[TrialConfig], jobs: int | None) -> list[Outcome]:
+    from usbench import sweep, sweep_console
+    from usbench.envs.threads import n_threads
+
+    with sweep_console.SweepBars(args.quiet) as bars:
+        if args.cluster is None:
+            return sweep.run(planned, args.out, bars, jobs=jobs or n_threads())
+        from usbench.cluster import Cluster
+
+        with Cluster(args.cluster) as workers:
+            return sweep.run(
+                planned,
+                args.out,
+                bars,
+                jobs=jobs or workers.n_workers,
+                executor=lambda: workers,
+                # All at once, for workers that are still to come.
+                submitted=jobs or len(planned),
+            )
 
 
 def leaderboard(args: argparse.Namespace) -> None:

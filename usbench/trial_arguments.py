@@ -22,7 +22,8 @@ COMPARE_EXAMPLES = """examples:
   usbench compare --cluster tcp://host:8786
       on the workers of a Dask cluster (docs/scaling.md)
 
-What is finished is not run again, so the same command goes on after an interruption.
+What is finished is not run again, so the same command goes on after an interruption; with --report-only it
+writes the leaderboard of what there is so far.
 """
 
 SEARCH_EXAMPLES = """examples:
@@ -122,6 +123,9 @@ def _add_compare(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         "--cluster",
         metavar="ADDRESS",
         help="run the trials on a Dask cluster, for example tcp://host:8786; needs usbench[dask]",
+    )
+    compare.add_argument(
+        "--report-only", action="store_true", help="run nothing: write the leaderboard of what is finished"
     )
     compare.set_defaults(call=commands.compare)
 
