@@ -3,6 +3,7 @@
 import hashlib
 import io
 import pickle
+import shutil
 import sys
 from pathlib import Path
 
@@ -15,6 +16,16 @@ from usbench.records import ConfigurationError
 sys.path.insert(0, str(Path(__file__).parent))
 import trials
 from trials import ENDED_AT, FIRST_TOLD, Killed, Until, ended, go_on
+
+_KILLED = []
+
+
+@pytest.fixture
+def killed(often, tmp_path, tmp_path_factory):
+    """Folder of a trial that was killed half-way; the trial runs once, each test has a copy."""
+    if not _KILLED:
+        _KILLED.append(ended(tmp_path_factory.mktemp("killed")))
+    return Path(shutil.copytree(_KILLED[0], tmp_path / _KILLED[0].name))
 
 
 def broken(path):
@@ -32,15 +43,14 @@ def broken(path):
     ],
     ids=["changed", "gone", "malicious", "no agent", "moved"],
 )
-def test_broken_checkpoint_is_passed_over_for_the_one_before(undisturbed, often, tmp_path, caplog, damage):
-    folder = ended(tmp_path)
-    older, newest = sorted((folder / records.CHECKPOINTS).iterdir())
+def test_broken_checkpoint_is_passed_over_for_the_one_before(undisturbed, killed, caplog, damage):
+    older, newest = sorted((killed / records.CHECKPOINTS).iterdir())
     damage(newest)
     there = newest.exists()
-    assert go_on(folder) == int(older.stem) + 1
+    assert go_on(killed) == int(older.stem) + 1
     assert caplog.text.count("passed over") == there
     assert not Malicious.done
-    assert trials.bits(folder) == trials.bits(undisturbed("vpg"))
+    assert trials.bits(killed) == trials.bits(undisturbed("vpg"))
 
 
 @pytest.mark.parametrize(
@@ -86,14 +96,13 @@ def change(path, **content):
     seal(path, saved(checkpoints._read(path) | content))
 
 
-def test_without_a_whole_checkpoint_it_starts_again_and_says_so(undisturbed, often, tmp_path, caplog):
-    folder = ended(tmp_path)
-    for path in (folder / records.CHECKPOINTS).iterdir():
+def test_without_a_whole_checkpoint_it_starts_again_and_says_so(undisturbed, killed, tmp_path, caplog):
+    for path in (killed / records.CHECKPOINTS).iterdir():
         broken(path)
-    assert go_on(folder) == FIRST_TOLD
+    assert go_on(killed) == FIRST_TOLD
     assert "starts from step 0" in caplog.text
-    assert trials.bits(folder) == trials.bits(undisturbed("vpg"))
-    assert (tmp_path / f"{folder.name}.earlier-1" / records.EPISODES).exists()
+    assert trials.bits(killed) == trials.bits(undisturbed("vpg"))
+    assert (tmp_path / f"{killed.name}.earlier-1" / records.EPISODES).exists()
 
 
 @pytest.mark.parametrize(
@@ -103,48 +112,44 @@ def test_without_a_whole_checkpoint_it_starts_again_and_says_so(undisturbed, oft
         (records.EVALUATIONS, lambda path: path.unlink()),
     ],
 )
-def test_damaged_journal_is_not_gone_on_from(undisturbed, often, tmp_path, caplog, name, damage):
-    folder = ended(tmp_path)
-    damage(folder / name)
-    assert go_on(folder) == FIRST_TOLD
+def test_damaged_journal_is_not_gone_on_from(undisturbed, killed, caplog, name, damage):
+    damage(killed / name)
+    assert go_on(killed) == FIRST_TOLD
     assert "is not what its trial wrote" in caplog.text and "starts from step 0" in caplog.text
-    assert trials.bits(folder) == trials.bits(undisturbed("vpg"))
+    assert trials.bits(killed) == trials.bits(undisturbed("vpg"))
 
 
-def test_lines_after_the_checkpoint_are_taken_away(undisturbed, often, tmp_path):
-    folder = ended(tmp_path)
-    with (folder / records.EPISODES).open("ab") as file:
+def test_lines_after_the_checkpoint_are_taken_away(undisturbed, killed):
+    with (killed / records.EPISODES).open("ab") as file:
         file.write(b'{"episode": 99}\n{"torn')
-    go_on(folder)
-    assert trials.bits(folder) == trials.bits(undisturbed("vpg"))
+    go_on(killed)
+    assert trials.bits(killed) == trials.bits(undisturbed("vpg"))
 
 
-def test_checkpoint_of_other_circumstances_is_not_gone_on_from(often, tmp_path, caplog, monkeypatch):
-    folder = ended(tmp_path)
+def test_checkpoint_of_other_circumstances_is_not_gone_on_from(killed, caplog, monkeypatch):
     monkeypatch.setattr(runner, "machine", lambda: {"processor": "abacus"})
     monkeypatch.setattr(runner, "version", lambda _: "0.0.1")
     monkeypatch.setattr(learning, "_source", lambda _: "edited")
-    assert go_on(folder) == FIRST_TOLD
+    assert go_on(killed) == FIRST_TOLD
     assert "differs in versions and processor and code" in caplog.text
 
 
-def test_checkpoint_of_another_trial_is_not_gone_on_from(undisturbed, often, tmp_path, caplog):
-    folder, other = ended(tmp_path), ended(tmp_path, "a2c")
-    for path in (folder / records.CHECKPOINTS).iterdir():
+def test_checkpoint_of_another_trial_is_not_gone_on_from(undisturbed, killed, tmp_path, caplog):
+    other = ended(tmp_path, "a2c")
+    for path in (killed / records.CHECKPOINTS).iterdir():
         path.unlink()
     for path in (other / records.CHECKPOINTS).iterdir():
-        path.rename(folder / records.CHECKPOINTS / path.name)
-    assert go_on(folder) == FIRST_TOLD
+        path.rename(killed / records.CHECKPOINTS / path.name)
+    assert go_on(killed) == FIRST_TOLD
     assert "differs in configuration" in caplog.text
-    assert trials.bits(folder) == trials.bits(undisturbed("vpg"))
+    assert trials.bits(killed) == trials.bits(undisturbed("vpg"))
 
 
-def test_two_are_kept_and_leftovers_of_killed_writers_removed(often, tmp_path):
-    folder = ended(tmp_path)
-    left = [folder / ".trial.json.abc.part", folder / records.CHECKPOINTS / ".000000000064.pt.abc.part"]
+def test_two_are_kept_and_leftovers_of_killed_writers_removed(killed, tmp_path):
+    left = [killed / ".trial.json.abc.part", killed / records.CHECKPOINTS / ".000000000064.pt.abc.part"]
     for path in left:
         path.touch()
-    assert len(list((folder / records.CHECKPOINTS).glob("*.pt"))) == checkpoints.KEPT == 2
+    assert len(list((killed / records.CHECKPOINTS).glob("*.pt"))) == checkpoints.KEPT == 2
     with pytest.raises(Killed):
         runner.run_trial(trials.config("vpg"), tmp_path, progress=Until(ENDED_AT + 1))
     assert not any(path.exists() for path in left)

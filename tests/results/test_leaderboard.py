@@ -1,8 +1,5 @@
 """The leaderboard: what a reader sees, and the same bytes from the same results."""
 
-import subprocess
-import sys
-
 import pandas as pd
 import pytest
 from tables import seeds, tables, trial
@@ -120,9 +117,3 @@ def test_scores_open_in_pandas_in_one_line(tmp_path):
 def test_folder_without_results_is_refused(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"there is no trials\.csv"):
         leaderboard.write(tmp_path, tmp_path / "leaderboard.md")
-
-
-@pytest.mark.parametrize("name", ["leaderboard", "figures"])
-def test_neither_torch_nor_an_environment_is_imported(name):
-    code = f"import usbench.{name}, sys; sys.exit(bool({{'torch', 'stable_baselines3'}} & set(sys.modules)))"
-    assert subprocess.run([sys.executable, "-c", code]).returncode == 0
