@@ -7,7 +7,7 @@ import sys
 
 def run(args: argparse.Namespace) -> None:
     """Train and evaluate one agent on one task."""
-    from usbench import console, plots, records, replay, runner, training, wandb_run
+    from usbench import console, own_anatomy, plots, records, replay, runner, training, wandb_run
 
     config = runner.resolve(
         args.algo,
@@ -17,6 +17,7 @@ def run(args: argparse.Namespace) -> None:
         steps=args.steps,
         n_frames=args.n_frames,
         reward=args.reward,
+        anatomy=own_anatomy.asked(args.phantom),
         preset=args.preset,
         overrides=dict(args.set),
     )
@@ -111,11 +112,11 @@ def search(args: argparse.Namespace) -> None:
 
 def frame(args: argparse.Namespace) -> None:
     """Write what the probe sees from a pose."""
-    from usbench import still
+    from usbench import own_anatomy, still
 
     pose = still.pose(args.x, args.depth, args.angle)
     path = still.path(args.out, args.kind, pose, args.plain)
-    taken = still.take(pose, args.kind)
+    taken = still.take(pose, args.kind, own_anatomy.asked(args.phantom, looking=True))
     still.write(taken, path, args.plain)
     print(f"{path}: {taken.kind}, {taken.values.shape} {taken.values.dtype}, {taken.unit}")
 
