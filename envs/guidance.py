@@ -209,7 +209,8 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
         moves_focus = any(action.move.focal_depth_mm for action in self.task.actions)
         if moves_focus and not anatomy.has_focus:
             raise ValueError(
-                f"a recorded image has its own focus: the task must leave it alone, unlike {self.task.name!r}."
+                f"a recorded image has a focus of its own, which the task {self.task.name!r} moves: allowed "
+                "are tasks that do not, as 'pp'."
             )
         if self.reward == IMAGE:
             raise ValueError(

@@ -146,14 +146,14 @@ def plot(args: argparse.Namespace) -> None:
 
 def guide(args: argparse.Namespace) -> None:
     """Serve the page on which a person moves the probe, until Ctrl-C."""
-    from usbench import console, guide_server, runner, suite
+    from usbench import console, guide_server, runner
     from usbench.guide_session import Session
 
     with guide_server.listening(args.port) as listener:
         session = Session(args.runs, args.trial, task=args.task, noise=args.noise, seed=args.seed)
         bars = console.Bars()
-        for task in suite.PAPER:
-            runner.prepare_frames(task, bars.frames)
+        for task in session.tasks:
+            runner.prepare_frames(task, bars.frames, session.anatomy)
         bars.close()
         guide_server.serve(session, listener, browser=not args.no_browser)
 
