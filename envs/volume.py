@@ -35,7 +35,9 @@ class Volume:
         """A hash of the voxels and of where they lie, whatever the file is called."""
         places = (self.spacing_mm, self.origin_mm, self.directions)
         header = repr((self.voxels.shape, self.voxels.dtype.str, [place.tolist() for place in places]))
-        return hashlib.sha256(header.encode() + np.ascontiguousarray(self.voxels).tobytes()).hexdigest()
+        digest = hashlib.sha256(header.encode())
+        digest.update(np.ascontiguousarray(self.voxels).data)
+        return digest.hexdigest()
 
     @cached_property
     def largest(self) -> float:

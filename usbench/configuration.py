@@ -67,7 +67,7 @@ def resolve(
         check_reward(reward, TRAINED_ON)
         plain: Any = suite.make_env(task, noise, reward=reward, anatomy=anatomy).unwrapped
         if anatomy is not None:
-            check_reached(anatomy.target, plain.task)
+            _check_reached(anatomy.target, plain.task)
     except (ValueError, TypeError) as error:
         raise ConfigurationError(str(error)) from error
     scene = {name: asdict(getattr(plain, name)) for name in plain.scene}
@@ -88,7 +88,7 @@ def resolve(
     )
 
 
-def check_reached(target: Pose, task: Task) -> None:
+def _check_reached(target: Pose, task: Task) -> None:
     """Raise ValueError if no pose of the task is its goal."""
     if not any(task.is_success(pose, target) for pose in task.states):
         nearest = max(task.states, key=lambda pose: task.reward(pose, target, TRUE_REWARD))
