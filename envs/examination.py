@@ -95,8 +95,8 @@ class ExaminationEnv(GuidanceEnv):
     sets any of them.
 
     ## Arguments
-    `noise` (probability, default 0), `reward` ("normalized", "paper" or "image"), `phantom` (`Phantom`),
-    `probe` (`LinearArray`), `imaging` (`Imaging`), `render_mode` (None or "rgb_array").
+    `noise` (probability, default 0), `reward` ("normalized", "paper" or "image"), `phantom` (`Phantom`
+    or `Anatomy`), `probe` (`LinearArray`), `imaging` (`Imaging`), `render_mode` (None or "rgb_array").
     """
 
     task = EXAMINATION

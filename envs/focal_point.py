@@ -73,8 +73,8 @@ class FocalPointEnv(GuidanceEnv):
     `reset(options={"x_mm": ..., "focal_depth_mm": ..., "angle_deg": ...})` sets any of them.
 
     ## Arguments
-    `noise` (probability, default 0), `reward` ("normalized", "paper" or "image"), `phantom` (`Phantom`),
-    `probe` (`LinearArray`), `imaging` (`Imaging`), `render_mode` (None or "rgb_array").
+    `noise` (probability, default 0), `reward` ("normalized", "paper" or "image"), `phantom` (`Phantom`
+    or `Anatomy`), `probe` (`LinearArray`), `imaging` (`Imaging`), `render_mode` (None or "rgb_array").
     """
 
     task = FOCAL_POINT

@@ -1,8 +1,9 @@
 """Frames kept in memory and on disk, keyed by everything that they depend on.
 
 One file per (phantom, array, imaging, simulator): its name is a hash of all four, where "simulator" means the
-sources that compute a frame, the versions of the libraries under them and the processor. `cache.py` writes it
-atomically and checks it; what does not fit is simulated again, never served.
+sources that compute a frame, the versions of the libraries under them and the processor; an image's content
+is part of its phantom. `cache.py` writes it atomically and checks it; what does not fit is simulated again,
+never served.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import contextlib
 import hashlib
 import platform
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import fields, is_dataclass
 from functools import lru_cache
 from importlib import metadata
@@ -24,12 +25,15 @@ import numpy as np
 import numpy.typing as npt
 
 from usbench.envs import cache
+from usbench.envs.anatomy import Anatomy
 from usbench.envs.bmode import Imaging
 from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Pose
 from usbench.envs.probe import LinearArray
 from usbench.envs.scanner import scan, scan_batch
 
+# What can be examined.
+Tissue = Phantom | Anatomy
 Frame = npt.NDArray[np.uint8]
 Progress = Callable[[int, int], None]
 _BATCH = 12  # frames that are made side by side, and told of together
@@ -37,10 +41,10 @@ _BATCH = 12  # frames that are made side by side, and told of together
 _LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "opencv-python-headless")
 
 
-def sources() -> dict[str, bytes]:
-    """Return the source by name of every module that computes a frame: `scanner`, and what it imports."""
+def sources(first: str = "scanner") -> dict[str, bytes]:
+    """Return the source by name of every module that computes a frame: the `first`, and what it imports."""
     found: dict[str, bytes] = {}
-    waiting = ["scanner"]
+    waiting = [first]
     while waiting:
         name = waiting.pop()
         if name in found:
@@ -61,19 +65,25 @@ def _simulator() -> str:
     return hashlib.sha256(repr((sorted(sources().items()), versions, processor)).encode()).hexdigest()
 
 
+def _anatomy() -> str:
+    """Return a hash of the code that turns an image into tissue, or into frames."""
+    return hashlib.sha256(repr(sorted(sources("anatomy").items())).encode()).hexdigest()
+
+
 # Taken when the code is: sources that change later are not what this process runs.
-SIMULATOR = _simulator()
+SIMULATOR, ANATOMY = _simulator(), _anatomy()
 
 
 class FrameStore:
     """Frames of one phantom, array and imaging by pose: simulated once, then looked up."""
 
-    def __init__(self, phantom: Phantom, array: LinearArray, imaging: Imaging) -> None:
+    def __init__(self, phantom: Tissue, array: LinearArray, imaging: Imaging) -> None:
         """Nothing is read or simulated yet."""
         self._scene = (phantom, array, imaging)
         self._frames: dict[Pose, Frame] = {}
         self._loaded = False
-        key = hashlib.sha256(repr((*self._scene, SIMULATOR)).encode()).hexdigest()
+        made_by = (SIMULATOR, ANATOMY) if isinstance(phantom, Anatomy) else (SIMULATOR,)
+        key = hashlib.sha256(repr((*self._scene, *made_by)).encode()).hexdigest()
         self.path = cache.frames_path(key)
 
     def frame(self, pose: Pose) -> Frame:
@@ -83,21 +93,19 @@ class FrameStore:
             self._load()
             frame = self._frames.get(pose)
         if frame is None:
-            frame = self._keep(pose, scan(self._scene[0], pose, *self._scene[1:]))
+            frame = self._keep(pose, self._scan([pose])[0])
         return frame
 
     def prepare(self, poses: Iterable[Pose], progress: Progress | None = None) -> None:
         """Simulate what is missing of `poses` and keep it on disk; `progress(done, total)` after each."""
         self._load()
         missing = [pose for pose in dict.fromkeys(poses) if pose not in self._frames]
-        phantom, array, imaging = self._scene
         done = 0
         for depth in sorted({pose.focal_depth_mm for pose in missing}):  # each has tables of its own
             alike = [pose for pose in missing if pose.focal_depth_mm == depth]
             for start in range(0, len(alike), _BATCH):
                 batch = alike[start : start + _BATCH]
-                frames = scan_batch([(phantom, pose) for pose in batch], array, imaging)
-                for pose, frame in zip(batch, frames, strict=True):
+                for pose, frame in zip(batch, self._scan(batch), strict=True):
                     self._keep(pose, frame)
                     done += 1
                     if progress is not None:
@@ -111,6 +119,14 @@ class FrameStore:
         for pose in poses:
             digest.update(self.frame(pose).tobytes())
         return digest.hexdigest()
+
+    def _scan(self, poses: Sequence[Pose]) -> Sequence[Frame]:
+        phantom, array, imaging = self._scene
+        if isinstance(phantom, Anatomy):
+            return phantom.frames(poses, array, imaging)
+        if len(poses) == 1:
+            return [scan(phantom, poses[0], array, imaging)]
+        return list(scan_batch([(phantom, pose) for pose in poses], array, imaging))
 
     def _keep(self, pose: Pose, frame: Frame) -> Frame:
         frame.flags.writeable = False
@@ -136,7 +152,7 @@ class FrameStore:
             self._keep(Pose(*pose), frame)
 
     def _save(self) -> None:
-        if _simulator() != SIMULATOR:
+        if (_simulator(), _anatomy()) != (SIMULATOR, ANATOMY):
             warnings.warn(
                 "frames are not kept on disk: the simulator's sources have changed since they were imported.",
                 stacklevel=3,
@@ -154,7 +170,7 @@ class FrameStore:
 
 
 @lru_cache(maxsize=8)
-def frame_store(phantom: Phantom, array: LinearArray, imaging: Imaging) -> FrameStore:
+def frame_store(phantom: Tissue, array: LinearArray, imaging: Imaging) -> FrameStore:
     """Return the store of this scene that the whole process shares."""
     return FrameStore(phantom, array, imaging)
 

@@ -13,8 +13,9 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
+from usbench.envs.anatomy import Anatomy
 from usbench.envs.bmode import Imaging
-from usbench.envs.frames import FrameStore, frame_store
+from usbench.envs.frames import FrameStore, Tissue, frame_store
 from usbench.envs.likeness import likeness, standard_view
 from usbench.envs.phantom import Phantom
 from usbench.envs.pose import LIMITS, Limits, Move, Pose, sin_deg
@@ -104,7 +105,7 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
     Args:
         noise: Probability p_n that the probe is displaced after an action.
         reward: "normalized", "paper" or "image", which is computed from the frame alone.
-        phantom: The tissue and the object in it.
+        phantom: The tissue and the object in it, or an `Anatomy` of one's own.
         probe: The transducer.
         imaging: How RF becomes an image.
         render_mode: None or "rgb_array".
@@ -124,7 +125,7 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
         *,
         noise: float = 0.0,
         reward: str = "normalized",
-        phantom: Phantom | None = None,
+        phantom: Tissue | None = None,
         probe: LinearArray | None = None,
         imaging: Imaging | None = None,
         render_mode: str | None = None,
@@ -132,7 +133,9 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
         """Check the configuration; nothing is simulated before the first reset."""
         self.noise = check_noise(noise)
         self.reward = check_reward(reward, (*REWARDS, IMAGE))
-        self.phantom = _instance("phantom", phantom, Phantom)
+        self.phantom: Tissue = (
+            self._fitting(phantom) if isinstance(phantom, Anatomy) else _instance("phantom", phantom, Phantom)
+        )
         self.probe = _instance("probe", probe, LinearArray)
         self.imaging = _instance("imaging", imaging, Imaging)
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
@@ -201,6 +204,21 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
             return None
         return draw_scene(self.phantom, self.pose, self._observation()[:, :, 0])
 
+    def _fitting(self, anatomy: Anatomy) -> Anatomy:
+        """Return an anatomy of one's own if this task can be done in it."""
+        moves_focus = any(action.move.focal_depth_mm for action in self.task.actions)
+        if moves_focus and not anatomy.has_focus:
+            raise ValueError(
+                f"a recorded image has a focus of its own, which the task {self.task.name!r} moves: allowed "
+                "are tasks that do not, as 'pp'."
+            )
+        if self.reward == IMAGE:
+            raise ValueError(
+                f"reward must be one of {', '.join(map(repr, REWARDS))} in an anatomy of one's own, not "
+                f"{IMAGE!r}: the standard view is that of the paper's object."
+            )
+        return anatomy
+
     def _observation(self) -> npt.NDArray[np.uint8]:
         return self._frame(self.pose)[:, :, np.newaxis].copy()
 
@@ -217,6 +235,8 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
 
     def _info(self, displaced: dict[str, int]) -> dict[str, Any]:
         pose = self.pose
+        # Where it is the paper's, nobody needs to be told.
+        target = self._target_info() if isinstance(self.phantom, Anatomy) else {}
         return {
             "x_mm": pose.x_mm,
             "focal_depth_mm": pose.focal_depth_mm,
@@ -225,7 +245,11 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
             "sin_angle": sin_deg(pose.angle_deg - self.target.angle_deg),
             "noise": displaced,
             "is_success": self.task.is_success(pose, self.target),
+            **target,
         }
+
+    def _target_info(self) -> dict[str, int]:
+        return {f"target_{name}": getattr(self.target, name) for name in COORDINATES}
 
     def _with_options(self, start: Pose, options: dict[str, Any] | None) -> Pose:
         if options is None:

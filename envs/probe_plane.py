@@ -77,8 +77,8 @@ class ProbePlaneEnv(GuidanceEnv):
     of them.
 
     ## Arguments
-    `noise` (probability, default 0), `reward` ("normalized", "paper" or "image"), `phantom` (`Phantom`),
-    `probe` (`LinearArray`), `imaging` (`Imaging`), `render_mode` (None or "rgb_array").
+    `noise` (probability, default 0), `reward` ("normalized", "paper" or "image"), `phantom` (`Phantom`
+    or `Anatomy`), `probe` (`LinearArray`), `imaging` (`Imaging`), `render_mode` (None or "rgb_array").
     """
 
     task = PROBE_PLANE

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from usbench.envs.focal_point import FOCAL_POINT
-from usbench.envs.guidance import COORDINATES, GuidanceEnv
+from usbench.envs.guidance import GuidanceEnv
 from usbench.envs.phantom import ObjectOfInterest, Phantom
 from usbench.envs.pose import Pose, whole_number
 from usbench.envs.probe_plane import PROBE_PLANE
@@ -62,6 +62,7 @@ class RandomPhantomEnv(GuidanceEnv):
 
     distribution: ClassVar[PhantomDistribution]
     scene = ("phantoms", "probe", "imaging")
+    phantom: Phantom
 
     def __init__(self, *, phantoms: PhantomDistribution | None = None, **kwargs: Any) -> None:
         """Check the configuration; the first phantom comes with the first reset."""
@@ -101,8 +102,7 @@ class RandomPhantomEnv(GuidanceEnv):
         return super().reset(options=options)
 
     def _info(self, displaced: dict[str, int]) -> dict[str, Any]:
-        target = {f"target_{name}": getattr(self.target, name) for name in COORDINATES}
-        return {**super()._info(displaced), "phantom": self.phantom.seed, **target}
+        return {**super()._info(displaced), "phantom": self.phantom.seed, **self._target_info()}
 
 
 _ANGLES = tuple(range(0, 360, 15))

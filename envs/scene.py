@@ -12,6 +12,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from usbench.envs.anatomy import Anatomy
+from usbench.envs.frames import Tissue
 from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Pose, cos_deg, sin_deg
 
@@ -33,7 +35,7 @@ BODY, LIMB, BEAM, FOCUS, METAL = (86, 180, 233), (213, 94, 0), (86, 200, 170), (
 
 
 def draw_scene(
-    phantom: Phantom, pose: Pose, frame: Image, *, show_object: bool = True, caption: str = ""
+    phantom: Tissue, pose: Pose, frame: Image, *, show_object: bool = True, caption: str = ""
 ) -> Image:
     """Return the scene beside the frame, (580, 1220, 3) uint8 RGB.
 
@@ -41,7 +43,8 @@ def draw_scene(
         phantom: What is examined.
         pose: Where the probe is.
         frame: The B-mode frame seen from there, (90, 40) uint8.
-        show_object: Whether to draw the object; in a real examination nobody sees it.
+        show_object: Whether to draw the object, in an anatomy of one's own the image plane that shows it
+            best; in a real examination nobody sees it.
         caption: A line of text below, for example the step and the action.
     """
     image = _background(phantom, bool(show_object)).copy()
@@ -56,13 +59,13 @@ def draw_scene(
     return image
 
 
-def _scale(phantom: Phantom) -> float:
+def _scale(phantom: Tissue) -> float:
     """Return pixels per mm of the two scene views."""
     return min(VIEW / phantom.width_mm, VIEW / phantom.height_mm, DEPTH_VIEW / phantom.depth_mm)
 
 
 @lru_cache(maxsize=8)
-def _background(phantom: Phantom, show_object: bool) -> Image:
+def _background(phantom: Tissue, show_object: bool) -> Image:
     """Draw all that does not change while the probe moves."""
     image = np.full((HEIGHT, WIDTH, 3), BACKGROUND, np.uint8)
     scale = _scale(phantom)
@@ -90,14 +93,10 @@ def _background(phantom: Phantom, show_object: bool) -> Image:
         x = FRAME_LEFT + (mm + PROBE_MM / 2) * FRAME_SCALE
         _text(image, _signed(mm), (x, BOTTOM + 18), FAINT_TEXT, 0.4, align=0.5)
     if show_object:
-        balls = list(enumerate(phantom.object_of_interest.balls))
-        for nearest_last, left, middle, axis in ((2, ABOVE_LEFT, height / 2, 1), (1, SIDE_LEFT, 0.0, 2)):
-            for index, ball in sorted(balls, key=lambda item: -item[1].center_mm[nearest_last]):
-                center = (
-                    left + width / 2 + ball.center_mm[0] * scale,
-                    TOP + middle + ball.center_mm[axis] * scale,
-                )
-                _ball(image, center, ball.radius_mm * scale, BODY if index == 0 else LIMB)
+        if isinstance(phantom, Anatomy):
+            _draw_target(image, phantom)
+        else:
+            _draw_object(image, phantom)
     image.flags.writeable = False
     return image
 
@@ -122,7 +121,32 @@ def _ball(image: Image, center: Point, radius: float, color: Color) -> None:
     image[...] = (image * (1 - cover) + shaded * cover).astype(np.uint8)
 
 
-def _draw_above(image: Image, phantom: Phantom, pose: Pose) -> None:
+def _draw_object(image: Image, phantom: Phantom) -> None:
+    """Draw the balls in both views, the nearest last."""
+    scale, balls = _scale(phantom), list(enumerate(phantom.object_of_interest.balls))
+    middles = ((2, ABOVE_LEFT, phantom.height_mm / 2 * scale, 1), (1, SIDE_LEFT, 0.0, 2))
+    for nearest_last, left, middle, axis in middles:
+        for index, ball in sorted(balls, key=lambda item: -item[1].center_mm[nearest_last]):
+            center = (
+                left + (phantom.width_mm / 2 + ball.center_mm[0]) * scale,
+                TOP + middle + ball.center_mm[axis] * scale,
+            )
+            _ball(image, center, ball.radius_mm * scale, BODY if index == 0 else LIMB)
+
+
+def _draw_target(image: Image, phantom: Anatomy) -> None:
+    """Draw the image plane of the target from above, a line, and from the side."""
+    scale, target = _scale(phantom), phantom.target
+    middle, half = (phantom.width_mm / 2 + target.x_mm) * scale, PROBE_MM / 2 * scale
+    along, across = half * cos_deg(target.angle_deg), half * sin_deg(target.angle_deg)
+    x, y = ABOVE_LEFT + middle, TOP + phantom.height_mm / 2 * scale
+    _line(image, (x - along, y - across), (x + along, y + across), BODY, 4)
+    x, width, bottom = SIDE_LEFT + middle, max(abs(along), 2.0), TOP + phantom.depth_mm * scale
+    corners = [(x - width, TOP), (x + width, TOP), (x + width, bottom), (x - width, bottom)]
+    _polygon(image, corners, BODY, 0.35, outline=True)
+
+
+def _draw_above(image: Image, phantom: Tissue, pose: Pose) -> None:
     """Draw the probe's footprint, its image plane (a line from here) and the focal point."""
     scale = _scale(phantom)
     center = (
@@ -144,7 +168,7 @@ def _draw_above(image: Image, phantom: Phantom, pose: Pose) -> None:
     _cross(image, center)
 
 
-def _draw_side(image: Image, phantom: Phantom, pose: Pose) -> None:
+def _draw_side(image: Image, phantom: Tissue, pose: Pose) -> None:
     """Draw the probe on the skin, its image plane as seen from the side, the beam and the focal point."""
     scale = _scale(phantom)
     center, bottom = SIDE_LEFT + (phantom.width_mm / 2 + pose.x_mm) * scale, TOP + phantom.depth_mm * scale

@@ -34,3 +34,16 @@ def setting(text: str) -> tuple[str, str]:
     if not (name and separator and value):
         raise argparse.ArgumentTypeError(f"{text!r} is not of the form name=value")
     return name, value
+
+
+def phantom(parser: argparse.ArgumentParser, target: str = "") -> None:
+    """Add the option for an anatomy of one's own, with what is to be known of its target."""
+    parser.add_argument(
+        "--phantom",
+        nargs="+",
+        default=[],
+        metavar=("FILE", "NAME=VALUE"),
+        help="a 3-D image (.nii, .mha, .nrrd) in place of the phantom, needs usbench[anatomy]: "
+        "frames=simulated (default) or recorded, lateral=x, down=z, center_x_mm, center_y_mm, skin_mm, seed, "
+        f"density_per_mm3, dynamic_range_db{'; ' if target else ''}{target}",
+    )

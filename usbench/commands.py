@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 def run(args: argparse.Namespace) -> None:
     """Train and evaluate one agent on one task."""
-    from usbench import console, plots, records, replay, runner, training, wandb_run
+    from usbench import console, own_anatomy, plots, records, replay, runner, training, wandb_run
 
     config = runner.resolve(
         args.algo,
@@ -24,6 +24,7 @@ def run(args: argparse.Namespace) -> None:
         steps=args.steps,
         n_frames=args.n_frames,
         reward=args.reward,
+        anatomy=own_anatomy.asked(args.phantom),
         preset=args.preset,
         overrides=dict(args.set),
     )
@@ -123,11 +124,11 @@ def search(args: argparse.Namespace) -> None:
 
 def frame(args: argparse.Namespace) -> None:
     """Write what the probe sees from a pose."""
-    from usbench import still
+    from usbench import own_anatomy, still
 
     pose = still.pose(args.x, args.depth, args.angle)
     path = still.path(args.out, args.kind, pose, args.plain)
-    taken = still.take(pose, args.kind)
+    taken = still.take(pose, args.kind, own_anatomy.asked(args.phantom, looking=True))
     still.write(taken, path, args.plain)
     print(f"{path}: {taken.kind}, {taken.values.shape} {taken.values.dtype}, {taken.unit}")
 
@@ -157,14 +158,14 @@ def plot(args: argparse.Namespace) -> None:
 
 def guide(args: argparse.Namespace) -> None:
     """Serve the page on which a person moves the probe, until Ctrl-C."""
-    from usbench import console, guide_server, runner, suite
+    from usbench import console, guide_server, runner
     from usbench.guide_session import Session
 
     with guide_server.listening(args.port) as listener:
         session = Session(args.runs, args.trial, task=args.task, noise=args.noise, seed=args.seed)
         bars = console.Bars()
-        for task in suite.PAPER:
-            runner.prepare_frames(task, bars.frames)
+        for task in session.tasks:
+            runner.prepare_frames(task, bars.frames, session.anatomy)
         bars.close()
         guide_server.serve(session, listener, browser=not args.no_browser)
 

@@ -4,11 +4,12 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
-from usbench import suite
+from usbench import own_anatomy, suite
 from usbench.agents import zoo
 from usbench.agents.hyperparameters import check_seed, unknown
-from usbench.envs.guidance import IMAGE, check_noise, check_reward
-from usbench.envs.pose import whole_number
+from usbench.envs.anatomy import Anatomy
+from usbench.envs.guidance import IMAGE, Task, check_noise, check_reward
+from usbench.envs.pose import Pose, whole_number
 from usbench.records import ConfigurationError, TrialConfig
 
 TRUE_REWARD = "normalized"
@@ -38,6 +39,7 @@ def resolve(
     steps: int | None = None,
     n_frames: int = 4,
     reward: str = TRUE_REWARD,
+    anatomy: Anatomy | None = None,
     preset: str | None = None,
     overrides: Mapping[str, Any] | None = None,
 ) -> TrialConfig:
@@ -63,9 +65,12 @@ def resolve(
         if not 1 <= n_frames <= MAX_FRAMES:
             raise ValueError(f"n_frames must be a whole number in [1, {MAX_FRAMES}], not {n_frames}.")
         check_reward(reward, TRAINED_ON)
+        plain: Any = suite.make_env(task, noise, reward=reward, anatomy=anatomy).unwrapped
+        if anatomy is not None:
+            _check_reached(anatomy.target, plain.task)
     except (ValueError, TypeError) as error:
         raise ConfigurationError(str(error)) from error
-    plain: Any = suite.make_env(task, noise).unwrapped
+    scene = {name: asdict(getattr(plain, name)) for name in plain.scene}
     return TrialConfig(
         task=task,
         algo=algo,
@@ -76,8 +81,18 @@ def resolve(
         hyperparameters=hyperparameters,
         environment={
             "id": suite.TASKS[task].env_id,
-            **{name: asdict(getattr(plain, name)) for name in plain.scene},
+            **(scene if anatomy is None else scene | own_anatomy.plain(anatomy)),
             # What is trained on; the score is always that of the true reward.
             **({} if reward == TRUE_REWARD else {"reward": reward}),
         },
     )
+
+
+def _check_reached(target: Pose, task: Task) -> None:
+    """Raise ValueError if no pose of the task is its goal."""
+    if not any(task.is_success(pose, target) for pose in task.states):
+        nearest = max(task.states, key=lambda pose: task.reward(pose, target, TRUE_REWARD))
+        raise ValueError(
+            f"the target must be a pose that the task {task.name!r} reaches, as the nearest, {nearest}, not "
+            f"{target}."
+        )

@@ -5,10 +5,15 @@ from typing import Any
 
 from usbench import suite
 from usbench.envs import oracle
+from usbench.envs.anatomy import Anatomy
 
 
 def optimum(
-    task: str, noise: float, seed: int, options: Mapping[str, int] | None = None
+    task: str,
+    noise: float,
+    seed: int,
+    options: Mapping[str, int] | None = None,
+    anatomy: Anatomy | None = None,
 ) -> tuple[float, ...]:
     """Return the return of the best policy that knows the pose, after 0, 1, .. steps to the task's last.
 
@@ -17,8 +22,9 @@ def optimum(
         noise: Probability of a slip after each action.
         seed: Of the episode: the same start and the same slips.
         options: Start pose, as `reset` takes it; by default `seed` draws it.
+        anatomy: One's own, in place of the task's phantom.
     """
-    env: Any = suite.make_env(task, noise, n_frames=1)
+    env: Any = suite.make_env(task, noise, n_frames=1, anatomy=anatomy)
     _, info = env.reset(seed=seed, options=None if options is None else dict(options))
     plan = oracle.policy(task, noise, target=env.unwrapped.target)
     returns, over = [0.0], False

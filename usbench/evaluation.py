@@ -12,6 +12,7 @@ import numpy.typing as npt
 import torch
 
 from usbench import suite
+from usbench.envs.anatomy import Anatomy
 from usbench.records import OF_A_PHANTOM, Evaluation
 
 # Seed of the actions that a stochastic agent draws in evaluations; the episodes' own seeds are the suite's.
@@ -101,12 +102,15 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
 class Evaluator:
     """The evaluation episodes of one task and noise, ready to be played by any agent."""
 
-    def __init__(self, task: str, noise: float, n_frames: int) -> None:
+    def __init__(self, task: str, noise: float, n_frames: int, anatomy: Anatomy | None = None) -> None:
         """Make one environment per episode of the suite's list."""
         self.episodes = suite.evaluation_episodes(task)
         self._facts: dict[int, dict[str, Any]] = {}
         self._envs = [
-            Recorder(suite.make_env(task, noise, n_frames=n_frames), partial(self._facts.__setitem__, number))
+            Recorder(
+                suite.make_env(task, noise, n_frames=n_frames, anatomy=anatomy),
+                partial(self._facts.__setitem__, number),
+            )
             for number in range(len(self.episodes))
         ]
 

@@ -23,7 +23,8 @@ def is_finished(config: TrialConfig, out: Path) -> bool:
     state = records.read_state(folder)
     if state.get("status") != "finished":
         return False
-    if json.loads(json.dumps(asdict(config), default=str)) != state["config"]:
+    own = json.loads(json.dumps(asdict(config), default=str))
+    if records.identity(own) != records.identity(state["config"]):
         raise checksums.damaged(folder / records.TRIAL)
     checksums.check(folder, state.get("checksums", {}))
     # Agents from outside write what they like.

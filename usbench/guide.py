@@ -10,6 +10,7 @@ import numpy.typing as npt
 from usbench import episode, suite
 from usbench.advice import Advice, Adviser
 from usbench.envs import oracle
+from usbench.envs.anatomy import Anatomy
 from usbench.envs.frames import frame_store
 from usbench.envs.pose import Pose, whole_number
 
@@ -39,13 +40,21 @@ class Examination:
         advice: What the agent advises now; None without an agent, and at the end.
     """
 
-    def __init__(self, task: str, noise: float, seed: int, agent: Opened | None = None) -> None:
-        """Begin an episode whose start and slips come from `seed`."""
+    def __init__(
+        self,
+        task: str,
+        noise: float,
+        seed: int,
+        agent: Opened | None = None,
+        anatomy: Anatomy | None = None,
+    ) -> None:
+        """Begin an episode whose start and slips come from `seed`, in the task's phantom or one's own."""
         self.task, self.noise = task, noise
+        self._anatomy = anatomy
         self.guidance = suite.TASKS[task].guidance
         self.actions: list[int] = []
         self._seed = seed
-        self.optimum = episode.optimum(task, noise, seed)
+        self.optimum = episode.optimum(task, noise, seed, anatomy=anatomy)
         self.ask(agent)
 
     @property
@@ -76,14 +85,15 @@ class Examination:
 
     def score(self, return_: float) -> float:
         """Return the normalised score of an episode's return: 0 is a random hand, 1 the mean optimum."""
-        anchors = oracle.returns(self.task, self.noise)
+        anchors = oracle.returns(self.task, self.noise, target=self.phantom.target)
         return (return_ - anchors.random) / (anchors.optimal - anchors.random)
 
     def ask(self, agent: Opened | None) -> None:
         """Let another agent advise, or none; it is shown the episode from its start."""
         done, self.actions = self.actions, []
         self._adviser = agent.adviser if agent else None
-        self._env = suite.make_env(self.task, self.noise, n_frames=agent.n_frames if agent else 1)
+        n_frames = agent.n_frames if agent else 1
+        self._env = suite.make_env(self.task, self.noise, n_frames=n_frames, anatomy=self._anatomy)
         self.return_, self.slip, self.blocked = 0.0, "", False
         if self._adviser is not None:
             self._adviser.begin()

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from usbench import records, suite
+from usbench import own_anatomy, records, suite
 from usbench.advice import Adviser
 from usbench.agents import zoo
 from usbench.envs import oracle
+from usbench.envs.anatomy import Anatomy
 from usbench.guide import Opened
 from usbench.models import load_agent
 from usbench.records import ConfigurationError
@@ -27,6 +28,7 @@ class Known:
         noise: What it was trained with.
         label: What the page calls it.
         score: Normalised score of its last evaluation with likeliest actions; None if there is none.
+        anatomy: One's own that it was trained in; None for the task's phantom.
     """
 
     folder: Path
@@ -34,6 +36,7 @@ class Known:
     noise: float
     label: str
     score: float | None
+    anatomy: Anatomy | None = None
 
     @property
     def name(self) -> str:
@@ -103,10 +106,12 @@ def _known(folder: Path) -> Known | None:
             return None
         if algo in zoo.ZOO and not zoo.ZOO[algo].learns:
             return None
+        anatomy = own_anatomy.recorded(config["environment"])
         label = f"{algo}, seed {config['seed']}, noise {noise:g}"
     except (ValueError, TypeError, KeyError, OSError):
         return None
-    return Known(folder, task, noise, label + ("" if score is None else f", score {score:.2f}"), score)
+    label += "" if score is None else f", score {score:.2f}"
+    return Known(folder, task, noise, label, score, anatomy)
 
 
 def _score(folder: Path, state: dict[str, Any]) -> float | None:

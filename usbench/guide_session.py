@@ -1,5 +1,6 @@
 """What a person has chosen on the page, what its buttons do, and all that it shows, as plain data."""
 
+from collections.abc import Collection
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -24,8 +25,10 @@ class Session:
         examination: The episode that is going on.
         agent: Name of the trial whose agent advises, or "oracle".
         message: What the person should know, a sentence; empty if nothing.
+        tasks: Those that can be chosen.
         hidden: Whether the object and all that tells where it is are hidden until the episode ends.
         training: Trains an agent on request.
+        anatomy: The given trial's own; None for the tasks' phantom.
     """
 
     def __init__(
@@ -51,6 +54,7 @@ class Session:
         """
         self._runs = runs
         self._given = None if trial is None else guide_agents.known(trial)
+        self.anatomy = None if self._given is None else self._given.anatomy
         if task is None:
             task = "pp" if self._given is None else self._given.task
         if noise is None:
@@ -58,7 +62,9 @@ class Session:
         self._seeds = np.random.default_rng(None if seed is None else _seed(seed))
         self.training = QuickTraining(runs)
         self.agent, self.message, self.hidden = ORACLE, "", False
-        self._task, self._noise = _task(task), _noise(noise)
+        self._task, self._noise = _task(task, suite.PAPER), _noise(noise)
+        # Another task may not be possible in an anatomy of one's own.
+        self.tasks = suite.PAPER if self.anatomy is None else (self._task,)
         self._find()
         if self._given is None:
             self._settle()
@@ -70,7 +76,7 @@ class Session:
     def begin(self) -> None:
         """Begin a new episode."""
         seed = int(self._seeds.integers(2**31))
-        self.examination = Examination(self._task, self._noise, seed, self._opened)
+        self.examination = Examination(self._task, self._noise, seed, self._opened, self.anatomy)
 
     def act(self, action: Any) -> None:
         """Take an action; ValueError or TypeError if there is none such, or the episode is over."""
@@ -81,7 +87,7 @@ class Session:
         self.examination.follow()
 
     def train(self) -> None:
-        """Train an agent for what is chosen now, in the background."""
+        """Train an agent for what is chosen now, in the background; in the tasks' phantom alone."""
         self.training.start(self._task, self._noise)
 
     def choose(
@@ -92,7 +98,10 @@ class Session:
         Raises:
             ConfigurationError: If a value is not allowed.
         """
-        chosen = self._task if task is None else _task(task), self._noise if noise is None else _noise(noise)
+        chosen = (
+            self._task if task is None else _task(task, self.tasks),
+            self._noise if noise is None else _noise(noise),
+        )
         names = [ORACLE, *self._trials]
         if agent is not None and agent not in names:
             raise ConfigurationError(str(unknown("agent", agent, names)))
@@ -138,7 +147,7 @@ class Session:
             self.message = f"Trained: {self._label()} advises from now on."
 
     def _choices(self) -> dict[str, Any]:
-        tasks = {name: suite.TASKS[name].guidance.title for name in suite.PAPER}
+        tasks = {name: suite.TASKS[name].guidance.title for name in self.tasks}
         agents = [
             {"name": trial.name, "label": trial.label, "task": trial.task} for trial in self._trials.values()
         ]
@@ -160,11 +169,11 @@ class Session:
         return "the exact optimum" if self.agent == ORACLE else self._trials[self.agent].label
 
     def _offers_training(self) -> bool:
-        return all(trial.task != self._task for trial in self._trials.values())
+        return self.anatomy is None and all(trial.task != self._task for trial in self._trials.values())
 
     def _find(self) -> None:
         given = [] if self._given is None else [self._given]
-        found = [*guide_agents.find(self._runs), *given]
+        found = [*(one for one in guide_agents.find(self._runs) if one.anatomy == self.anatomy), *given]
         self._trials: dict[str, Known] = {trial.name: trial for trial in found}
 
     def _settle(self) -> None:
@@ -191,9 +200,9 @@ class Session:
             self.message = str(error)
 
 
-def _task(task: Any) -> str:
-    if not isinstance(task, str) or task not in suite.PAPER:
-        raise ConfigurationError(str(unknown("task", task, suite.PAPER)))
+def _task(task: Any, allowed: Collection[str]) -> str:
+    if not isinstance(task, str) or task not in allowed:
+        raise ConfigurationError(str(unknown("task", task, allowed)))
     return task
 
 

@@ -5,6 +5,7 @@ from dataclasses import asdict
 from typing import Any
 
 from usbench.envs import scene
+from usbench.envs.anatomy import Anatomy
 from usbench.film import fixed
 from usbench.guide import Examination
 from usbench.guide_controls import control
@@ -14,7 +15,8 @@ def seen(examination: Examination, *, hidden: bool) -> dict[str, Any]:
     """Return the episode; while the object is hidden, nothing that tells where it is before the end."""
     tells = examination.over or not hidden
     phantom, frame = examination.phantom, examination.frame
-    balls: Any = () if hidden else phantom.object_of_interest.balls
+    own = isinstance(phantom, Anatomy)
+    balls: Any = () if hidden or own else phantom.object_of_interest.balls
     return {
         "controls": [asdict(control(action)) for action in examination.guidance.actions],
         "step": len(examination.actions),
@@ -25,6 +27,7 @@ def seen(examination: Examination, *, hidden: bool) -> dict[str, Any]:
         "shape": frame.shape,
         "phantom": {name: getattr(phantom, name) for name in ("width_mm", "height_mm", "depth_mm")},
         "balls": [[*ball.center_mm, ball.radius_mm] for ball in balls],
+        "target": asdict(phantom.target) if own and not hidden else None,
         "probe": {"width": scene.PROBE_MM, "slab": scene.SLAB_MM, "aperture": scene.APERTURE_MM},
         "happened": happened(examination),
         "at_goal": examination.at_goal if tells else None,

@@ -15,7 +15,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.logger import Logger, configure
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from usbench import suite
+from usbench import own_anatomy, suite
 from usbench.agents import state, zoo
 from usbench.checkpoints import Checkpoints
 from usbench.configuration import TRUE_REWARD
@@ -91,7 +91,10 @@ class Learning:
             boundary=self._keep,
         )
         reward = config.environment.get("reward", TRUE_REWARD)
-        env = suite.make_env(config.task, config.noise, n_frames=config.n_frames, reward=reward)
+        anatomy = own_anatomy.recorded(config.environment)
+        env = suite.make_env(
+            config.task, config.noise, n_frames=config.n_frames, reward=reward, anatomy=anatomy
+        )
         self._recorder = Recorder(env, self.watch.on_episode)
         vec_env = DummyVecEnv([lambda: self._recorder])
         env_seed, agent_seed, _ = np.random.SeedSequence(config.seed).spawn(3)

@@ -18,7 +18,7 @@ import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from usbench import records, runner, suite
+from usbench import own_anatomy, records, runner, suite
 from usbench.agents import outside, zoo
 from usbench.configuration import MAX_FRAMES
 from usbench.envs import oracle
@@ -96,6 +96,7 @@ def _recorded(folder: Path, algo: str | None, task: str | None) -> TrialConfig:
             noise=recorded["noise"],
             seed=recorded["seed"],
             steps=steps or None,
+            anatomy=own_anatomy.recorded(recorded["environment"]),
             overrides=recorded["hyperparameters"],
         )
     except ConfigurationError:
@@ -110,7 +111,10 @@ def _recorded(folder: Path, algo: str | None, task: str | None) -> TrialConfig:
 
 
 def _build(config: TrialConfig) -> Any:
-    env = DummyVecEnv([lambda: suite.make_env(config.task, config.noise, n_frames=config.n_frames)])
+    anatomy = own_anatomy.recorded(config.environment)
+    env = DummyVecEnv(
+        [lambda: suite.make_env(config.task, config.noise, n_frames=config.n_frames, anatomy=anatomy)]
+    )
     hyperparameters = dict(config.hyperparameters)
     # Acting remembers nothing: a replay buffer as large as the file says could fill the memory.
     if "buffer_size" in hyperparameters:

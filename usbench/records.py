@@ -27,6 +27,8 @@ TRIAL, EPISODES, EVALUATIONS, MODEL = "trial.json", "episodes.jsonl", "evaluatio
 TENSORBOARD, CHECKPOINTS = "tensorboard", "checkpoints"
 # In `info` and in files where every episode has a phantom of its own.
 OF_A_PHANTOM = ("phantom", "target_x_mm", "target_focal_depth_mm", "target_angle_deg")
+# In the configuration of an environment: the file of a phantom of one's own. The phantom tells its content.
+VOLUME = "volume"
 _EARLIER = re.compile(r"\.earlier-\d+$")
 
 
@@ -60,8 +62,8 @@ class TrialConfig:
 
     @property
     def hash(self) -> str:
-        """Eight hexadecimal digits that change with any part of the configuration."""
-        canonical = json.dumps(asdict(self), sort_keys=True, separators=(",", ":"), default=str)
+        """Eight hexadecimal digits that change with any part of the configuration but a file's place."""
+        canonical = json.dumps(identity(asdict(self)), sort_keys=True, separators=(",", ":"), default=str)
         return hashlib.sha256(canonical.encode()).hexdigest()[:8]
 
     @property
@@ -86,7 +88,8 @@ class Episode:
         is_success: Whether the final pose is the goal.
         steps_to_goal: Steps until the goal was first reached, None if it never was.
         phantom: Number of the episode's phantom, where each has its own; only then in files.
-        target_x_mm: Pose that shows its object best, like the two after it.
+        target_x_mm: Pose that shows its object best, like the two after it; in files where it is not the
+            paper's.
     """
 
     episode: int
@@ -110,10 +113,7 @@ class Episode:
     def as_row(self) -> dict[str, Any]:
         """Return the line of the record file, as a dictionary."""
         row = {key.rstrip("_"): value for key, value in asdict(self).items()}
-        if self.phantom is None:
-            for key in OF_A_PHANTOM:
-                del row[key]
-        return row
+        return {key: value for key, value in row.items() if key not in OF_A_PHANTOM or value is not None}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,6 +131,14 @@ class Evaluation(Episode):
     deterministic: bool
     eval_episode: int
     actions: Sequence[int]
+
+
+def identity(config: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return a configuration without the place of the phantom's file, which may be moved."""
+    environment = config.get("environment", {})
+    if VOLUME not in environment:
+        return config
+    return {**config, "environment": {key: value for key, value in environment.items() if key != VOLUME}}
 
 
 def create(out: Path, config: TrialConfig) -> Path:

@@ -11,7 +11,8 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from usbench import episode, film, records, suite
+from usbench import episode, film, own_anatomy, records, suite
+from usbench.envs.anatomy import Anatomy
 from usbench.envs.pose import Pose
 from usbench.journal import read_rows
 
@@ -81,14 +82,15 @@ def play(
     actions: Sequence[int],
     *,
     n_frames: int = 4,
+    anatomy: Anatomy | None = None,
     adviser: Adviser | None = None,
 ) -> Iterator[Moment]:
     """Yield what is seen at the start and after every recorded action."""
     planned = suite.evaluation_episodes(task)[eval_episode]
     names = action_names(task)
-    env = suite.make_env(task, noise, n_frames=n_frames, render_mode="rgb_array")
+    env = suite.make_env(task, noise, n_frames=n_frames, anatomy=anatomy, render_mode="rgb_array")
     observation, info = env.reset(seed=planned.seed, options=planned.options)
-    optima = episode.optimum(task, noise, planned.seed, planned.options)
+    optima = episode.optimum(task, noise, planned.seed, planned.options, anatomy)
     total, reward, name = 0.0, 0.0, "start"
     for step in range(len(actions) + 1):
         if step:
@@ -121,7 +123,13 @@ def write_gif(folder: Path) -> Path:
     """Write `replay.gif` of the trial's typical evaluation episode into its folder and return the path."""
     config = records.read_state(folder)["config"]
     record = typical_episode(folder)
-    moments = play(config["task"], config["noise"], int(record["eval_episode"]), record["actions"])
+    moments = play(
+        config["task"],
+        config["noise"],
+        int(record["eval_episode"]),
+        record["actions"],
+        anatomy=own_anatomy.recorded(config["environment"]),
+    )
     path = folder / REPLAY
     names = action_names(config["task"])
     film.write(path, [film.page(moment, len(record["actions"]), names) for moment in moments])

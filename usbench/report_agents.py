@@ -9,7 +9,17 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
-from usbench import film, records, replay, report_pictures, report_poses, scores, state_map, suite
+from usbench import (
+    film,
+    own_anatomy,
+    records,
+    replay,
+    report_pictures,
+    report_poses,
+    scores,
+    state_map,
+    suite,
+)
 from usbench.envs import scene
 from usbench.envs.pose import Pose
 from usbench.records import ConfigurationError
@@ -20,6 +30,7 @@ from usbench.report_tables import Table, percent
 from usbench.results import Results
 from usbench.scores import SCORED
 
+OWN_ANATOMY = "There is no map of actions: it would be that of the paper's phantom, and this is another."
 # Pixels.
 REPLAY_WIDTH, FOOTER, MARGIN, TEXT_SIZE, LINE = 560, 36, 12, 15, 20
 
@@ -110,6 +121,8 @@ def card(runs: Path, one: Shown, poses: Poses | None) -> Card:
         return found
     if poses is None:
         return replace(found, silence=report_poses.silence(one.task))
+    if records.VOLUME in records.read_state(runs / one.trial)["config"]["environment"]:
+        return replace(found, silence=OWN_ANATOMY)
     missing = [trial for trial in one.trials if not (runs / trial / records.MODEL).is_file()]
     if missing:
         return replace(found, silence=f"{missing[0]} has no weights ({records.MODEL}).")
@@ -170,9 +183,16 @@ def _mean(values: npt.NDArray[np.float64]) -> float:
 def play(folder: Path, one: Shown) -> Replay:
     """Return the episode of median return of the trial's last evaluation, with greedy actions."""
     record = replay.typical_episode(folder, deterministic=True)
-    n_frames = records.read_state(folder)["config"]["n_frames"]
+    config = records.read_state(folder)["config"]
     moments = list(
-        replay.play(one.task, one.noise, int(record["eval_episode"]), record["actions"], n_frames=n_frames)
+        replay.play(
+            one.task,
+            one.noise,
+            int(record["eval_episode"]),
+            record["actions"],
+            n_frames=config["n_frames"],
+            anatomy=own_anatomy.recorded(config["environment"]),
+        )
     )
     moving, still = report_pictures.from_pages([_page(moment, len(moments) - 1) for moment in moments])
     end = moments[-1]

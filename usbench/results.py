@@ -146,7 +146,7 @@ def _typed(table: pd.DataFrame, columns: Mapping[str, type]) -> pd.DataFrame:
 
 def _trial(name: str, state: Mapping[str, Any]) -> dict[str, Any]:
     """Return the row of a trial; what an unfinished one cannot know yet is NaN or empty."""
-    config = state["config"]
+    config = records.identity(state["config"])
     anchors, timings = state.get("anchors", {}), state.get("timings", {})
     versions = state.get("versions", {})
     return {

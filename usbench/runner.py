@@ -18,10 +18,11 @@ import pandas as pd
 import torch
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from usbench import checksums, records, suite
+from usbench import checksums, own_anatomy, records, suite
 from usbench.atomic import atomic_path, remove_leftovers
 from usbench.checkpoints import Checkpoints, interval
 from usbench.configuration import PACKAGES, resolve
+from usbench.envs.anatomy import Anatomy
 from usbench.envs.frames import frame_store
 from usbench.evaluation import Evaluator
 from usbench.finished import is_finished
@@ -53,14 +54,16 @@ class Result:
     skipped: bool
 
 
-def prepare_frames(task: str, report: Callable[[int, int], None] | None = None) -> dict[str, Any]:
+def prepare_frames(
+    task: str, report: Callable[[int, int], None] | None = None, anatomy: Anatomy | None = None
+) -> dict[str, Any]:
     """Simulate the frames of every pose that the task can reach, unless kept; return what identifies them.
 
     They are those of the evaluation's phantoms, where training has others.
     """
-    plain: Any = suite.make_env(task).unwrapped
+    plain: Any = suite.make_env(task, anatomy=anatomy).unwrapped
     states = suite.TASKS[task].guidance.states
-    phantoms = suite.evaluation_phantoms(task)
+    phantoms = suite.evaluation_phantoms(task, anatomy)
     digests = []
     for number, phantom in enumerate(phantoms):
         store = frame_store(phantom, plain.probe, plain.imaging)
@@ -117,7 +120,8 @@ class _Trial:
     def __init__(self, config: TrialConfig, out: Path, checkpoints: Checkpoints, progress: Progress) -> None:
         self.config, self.out, self.folder = config, out, out / config.folder_name
         self.checkpoints, self.progress = checkpoints, progress
-        self.anchors = suite.anchors(config.task, config.noise)
+        self.anatomy = own_anatomy.recorded(config.environment)
+        self.anchors = suite.anchors(config.task, config.noise, self.anatomy)
         self.agent: Any = None
         self.stopwatch = Stopwatch()
         self.state: dict[str, Any] = {
@@ -169,12 +173,12 @@ class _Trial:
 
     def _frames(self) -> None:
         with self.stopwatch.timed("frames_s"):
-            self.state["frames"] = prepare_frames(self.config.task, self.progress.frames)
+            self.state["frames"] = prepare_frames(self.config.task, self.progress.frames, self.anatomy)
         self._write()
 
     def _train_and_evaluate(self, goes_on: bool) -> None:
         """Train for exactly the budget; every episode and every checkpoint goes into the journals."""
-        self.evaluator = Evaluator(self.config.task, self.config.noise, self.config.n_frames)
+        self.evaluator = Evaluator(self.config.task, self.config.noise, self.config.n_frames, self.anatomy)
         for path, checkpoint in self.checkpoints.read() if goes_on else ():
             with self._journals() as journals:
                 learning = self._learning(journals)
@@ -225,7 +229,7 @@ class _Trial:
 
     def _reference(self, algo: str) -> dict[str, float]:
         """Play the evaluation episodes with an agent that does not learn; return the means."""
-        env = suite.make_env(self.config.task, self.config.noise)
+        env = suite.make_env(self.config.task, self.config.noise, anatomy=self.anatomy)
         seed = np.random.SeedSequence(0)
         agent = make_agent(self.config, algo, DummyVecEnv([lambda: env]), seed, {})
         played = self.evaluator.play(agent, checkpoint=0, step=0, deterministic=False)

@@ -12,6 +12,7 @@ from PIL import Image
 
 from usbench import drawing
 from usbench.atomic import atomic_file
+from usbench.envs.anatomy import Anatomy, Echogenicity, Recording
 from usbench.envs.bmode import DEFAULT_IMAGING, envelope
 from usbench.envs.frames import frame_store
 from usbench.envs.phantom import Phantom
@@ -22,6 +23,8 @@ from usbench.envs.scanner import HALF_THICKNESS, HALF_WIDTH
 from usbench.records import ConfigurationError
 
 KINDS = ("frame", "envelope", "rf")
+# A frame that was not simulated.
+SLICE = "slice"
 FORMATS = (".png", ".npy")
 # As far as the simulator focuses; a focus below the phantom is allowed, as on a scanner.
 DEEPEST_MM = 500
@@ -35,7 +38,7 @@ class Still:
     """What the probe sees from a pose.
 
     Attributes:
-        kind: One of KINDS.
+        kind: One of KINDS, or SLICE.
         pose: Of the probe.
         values: (height_px, width_px) uint8 of a frame, else (n_samples, n_lines) float32.
         rows: Where the first row begins and the last one ends: depth in mm, of RF time in us.
@@ -82,13 +85,22 @@ def path(out: Path | None, kind: str, pose: Pose, plain: bool = False) -> Path:
     return out
 
 
-def take(pose: Pose, kind: str = "frame") -> Still:
-    """Simulate what the default array sees of the default phantom, or take the frame that is kept."""
-    phantom, array = Phantom(), DEFAULT_ARRAY
+def take(pose: Pose, kind: str = "frame", anatomy: Anatomy | None = None) -> Still:
+    """Simulate what the default array sees of the default phantom, or of an anatomy, or take what is kept.
+
+    Raises:
+        ConfigurationError: If RF or envelope of a recorded image is asked for.
+    """
+    phantom, array = anatomy or Phantom(), DEFAULT_ARRAY
     if kind == "frame":
         frame = frame_store(phantom, array, DEFAULT_IMAGING).frame(pose)
-        unit = f"0 to 255 for the {RANGE_DB:g} dB up to the frame's maximum"
-        return Still(kind, pose, frame, (0.0, DEFAULT_IMAGING.depth * 1e3), unit)
+        rows = (0.0, DEFAULT_IMAGING.depth * 1e3)
+        if isinstance(phantom, Recording):
+            return Still(SLICE, pose, frame, rows, "255 for the image's largest voxel")
+        return Still(kind, pose, frame, rows, f"0 to 255 for the {RANGE_DB:g} dB up to the frame's maximum")
+    if isinstance(phantom, Recording):
+        raise ConfigurationError(f"a recorded image has no {kind}: leave it out, or simulate it.")
+    assert isinstance(phantom, Phantom | Echogenicity)
     positions, amplitudes = phantom.in_view(pose, HALF_WIDTH, HALF_THICKNESS)
     scene = (positions, amplitudes, array, pose.focal_depth_mm * 1e-3)
     if kind == "rf":
@@ -119,7 +131,7 @@ def write(still: Still, path: Path, plain: bool = False) -> None:
 def figure(still: Still) -> Figure:
     """Draw a frame or an envelope to scale, or RF over time, with axes and units."""
     left, right = _edges(DEFAULT_ARRAY.line_positions * 1e3)
-    if still.kind == "frame":
+    if still.kind in ("frame", SLICE):
         right = DEFAULT_IMAGING.width_px * DEFAULT_IMAGING.pixel_size * 1e3 / 2
         left = -right
     values, norm, label = _shades(still)
@@ -138,15 +150,16 @@ def figure(still: Still) -> Figure:
     axes.set_xlabel("lateral position (mm)")
     if to_scale:
         axes.set_ylabel("depth (mm)")
-        if still.pose.focal_depth_mm <= still.rows[1]:
+        if still.pose.focal_depth_mm <= still.rows[1] and still.kind != SLICE:
             axes.annotate(
                 "◀ focus", (right, still.pose.focal_depth_mm), xytext=(2, 0), textcoords="offset points",
                 color="#d55e00", fontsize=9, va="center", annotation_clip=False,
             )  # fmt: skip
     else:
         axes.set_ylabel("time (µs)")
-    title = {"frame": "B-mode frame", "envelope": "Envelope", "rf": "RF"}[still.kind]
-    where = f"x {still.pose.x_mm} mm, focus {still.pose.focal_depth_mm} mm, angle {still.pose.angle_deg}°"
+    title = {"frame": "B-mode frame", SLICE: "Slice", "envelope": "Envelope", "rf": "RF"}[still.kind]
+    focus = "" if still.kind == SLICE else f"focus {still.pose.focal_depth_mm} mm, "
+    where = f"x {still.pose.x_mm} mm, {focus}angle {still.pose.angle_deg}°"
     axes.set_title(f"{title}\n{where}", fontsize=10)
     return drawn
 
@@ -156,6 +169,8 @@ def _shades(still: Still) -> tuple[npt.NDArray[Any], Normalize, str]:
     if still.kind == "frame":
         decibels = still.values / 255 * RANGE_DB - RANGE_DB
         return decibels, Normalize(-RANGE_DB, 0.0), "dB relative to the frame's maximum"
+    if still.kind == SLICE:
+        return still.values, Normalize(0, 255), "grey level"
     # Silence, where the probe sees no scatterer, is divided by 1.
     relative = still.values / (float(np.abs(still.values).max(initial=0.0)) or 1.0)
     if still.kind == "rf":

@@ -11,8 +11,9 @@ import numpy as np
 from gymnasium.envs.registration import load_env_creator
 
 from usbench.envs import oracle
+from usbench.envs.anatomy import Anatomy
+from usbench.envs.frames import Tissue
 from usbench.envs.guidance import Task as GuidanceTask
-from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Pose
 from usbench.envs.random_phantoms import FIRST_HELD_OUT
 from usbench.envs.wrappers import ImageStack, NormalizeImage
@@ -90,14 +91,14 @@ def evaluation_episodes(task: str) -> tuple[EvaluationEpisode, ...]:
     )
 
 
-def evaluation_phantoms(task: str) -> tuple[Phantom, ...]:
-    """Return the phantoms of a task's evaluation."""
-    plain: Any = make_env(task).unwrapped
+def evaluation_phantoms(task: str, anatomy: Anatomy | None = None) -> tuple[Tissue, ...]:
+    """Return the phantoms of a task's evaluation, one's own `anatomy` if there is one."""
+    plain: Any = make_env(task, anatomy=anatomy).unwrapped
     numbers = range(FIRST_HELD_OUT, FIRST_HELD_OUT + TASKS[task].phantoms)
     return tuple(plain.phantoms.phantom(number) for number in numbers) or (plain.phantom,)
 
 
-def anchors(task: str, noise: float) -> oracle.Returns:
+def anchors(task: str, noise: float, anatomy: Anatomy | None = None) -> oracle.Returns:
     """Return what the optimum, a random and an idle hand expect of an evaluation episode, exactly.
 
     The mean over the list of what each episode's phantom and start promise. Where every start is in it and
@@ -105,8 +106,9 @@ def anchors(task: str, noise: float) -> oracle.Returns:
     """
     row = TASKS[task]
     if not row.phantoms and not row.drawn_starts:
-        return oracle.returns(task, noise)
-    phantoms, starts = evaluation_phantoms(task), defaultdict(list)
+        target = oracle.PAPER_TARGET if anatomy is None else anatomy.target
+        return oracle.returns(task, noise, target=target)
+    phantoms, starts = evaluation_phantoms(task, anatomy), defaultdict(list)
     for episode in evaluation_episodes(task):
         starts[phantoms[(episode.phantom or FIRST_HELD_OUT) - FIRST_HELD_OUT].target].append(episode.start)
     found = [
@@ -131,8 +133,10 @@ def make_env(
     *,
     n_frames: int = 4,
     reward: str = "normalized",
+    anatomy: Anatomy | None = None,
     render_mode: str | None = None,
 ) -> gym.Env[Any, Any]:
     """Make the environment that every algorithm sees: plain environment, image stack, normalised pixels."""
-    plain = gym.make(TASKS[task].env_id, noise=noise, reward=reward, render_mode=render_mode)
+    own: dict[str, Any] = {} if anatomy is None else {"phantom": anatomy}
+    plain = gym.make(TASKS[task].env_id, noise=noise, reward=reward, render_mode=render_mode, **own)
     return NormalizeImage(ImageStack(plain, n_frames))

@@ -5,12 +5,14 @@ from pathlib import Path
 from typing import Any
 
 from usbench import commands
-from usbench.arguments import number, setting
+from usbench.arguments import number, phantom, setting
 
 RUN_EXAMPLES = """examples:
   usbench run --algo vpg --task pp
   usbench run --algo vpg --task fp --noise 0.25 --seed 3
   usbench run --algo vpg --task pp --preset spinup --set gamma=0.95 --out my_runs
+  usbench run --algo dqn --task pp --phantom spine.mha frames=recorded target_x_mm=0 target_angle_deg=0
+      in an anatomy of your own (docs/anatomy.md)
 """
 
 COMPARE_EXAMPLES = """examples:
@@ -66,6 +68,7 @@ def _add_run(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         help="what is trained on: normalized (default), or image, computed from the frame alone; "
         "scores are those of the true reward",
     )
+    phantom(run, "target_x_mm and target_angle_deg or target_focal_depth_mm say where it is seen best")
     run.add_argument("--preset", metavar="NAME", help="named hyperparameters, for example spinup")
     run.add_argument(
         "--set",

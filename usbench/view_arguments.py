@@ -5,13 +5,15 @@ from pathlib import Path
 from typing import Any
 
 from usbench import commands
-from usbench.arguments import number
+from usbench.arguments import number, phantom
 
 FRAME_EXAMPLES = """examples:
   usbench frame --x 10 --depth 35 --angle 60
   usbench frame --x 10 --depth 35 --angle 60 --plain --out frame.png
       the 90 x 40 pixels of 1 mm that an agent sees
   usbench frame --depth 37 --rf --out rf.npy
+  usbench frame --angle 30 --phantom spine.mha frames=recorded
+      of a volume of your own (docs/anatomy.md)
 """
 
 WATCH_EXAMPLES = """examples:
@@ -56,8 +58,8 @@ def _add_frame(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         parents=[debug],
         epilog=FRAME_EXAMPLES,
         help="what the probe sees from a pose, as a picture or as numbers",
-        description="Write what the probe sees of the default phantom from a pose: the B-mode frame, its "
-        "envelope or its RF, as a figure to scale (.png) or as numbers (.npy).",
+        description="Write what the probe sees of the default phantom, or of a 3-D image, from a pose: the "
+        "B-mode frame, its envelope or its RF, as a figure to scale (.png) or as numbers (.npy).",
     )
     frame.add_argument("--x", type=number, default=0, metavar="MM", help="of the probe's centre (default 0)")
     frame.add_argument("--depth", type=number, default=50, metavar="MM", help="of the focus (default 50)")
@@ -69,6 +71,7 @@ def _add_frame(subparsers: Any, debug: argparse.ArgumentParser) -> None:
     kind.add_argument(
         "--envelope", action="store_const", const="envelope", dest="kind", help="envelope of the 64 lines"
     )
+    phantom(frame)
     frame.add_argument("--plain", action="store_true", help="the bare pixels, without axes")
     frame.add_argument(
         "--out", type=Path, metavar="FILE", help=".png or .npy (default: a .png named after the pose)"

@@ -16,7 +16,7 @@ from rich.live import Live
 from rich.style import Style
 from rich.text import Text
 
-from usbench import drawing, film, records, replay
+from usbench import drawing, film, own_anatomy, records, replay
 from usbench.advice import Adviser
 from usbench.envs import scene
 from usbench.models import load_agent
@@ -226,5 +226,6 @@ def _moments(watched: Watched, episode: dict[str, Any]) -> Iterator[Moment]:
         int(episode["eval_episode"]),
         episode["actions"],
         n_frames=config["n_frames"],
+        anatomy=own_anatomy.recorded(config["environment"]),
         adviser=adviser,
     )

@@ -79,3 +79,24 @@ def reference():
 def plus():
     """Folder with the real RF frame of the PLUS toolkit."""
     return shared_file("data/plus/README.md").parent
+
+
+@pytest.fixture
+def image(tmp_path):
+    """`image(value, size, ..)`: the file of a volume that is a function of the world, see volumes.py."""
+    import SimpleITK as sitk
+    from volumes import of_world
+
+    def make(value, *args, **kwargs):
+        sitk.WriteImage(of_world(value, *args, **kwargs), str(tmp_path / "image.mha"))
+        return tmp_path / "image.mha"
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def tissue_file(tmp_path_factory):
+    """80 x 60 x 90 mm of tissue, 60 .. 140 from left to right."""
+    from volumes import block
+
+    return block(tmp_path_factory.mktemp("volumes") / "block.mha")

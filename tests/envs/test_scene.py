@@ -6,6 +6,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from usbench.envs.anatomy import Recording
 from usbench.envs.phantom import ObjectOfInterest, Phantom
 from usbench.envs.pose import Pose
 from usbench.envs.probe_plane import ProbePlaneEnv
@@ -89,6 +90,24 @@ def test_a_hidden_object_leaves_no_trace():
     elsewhere = Phantom(object_of_interest=ObjectOfInterest(x_mm=-15, depth_mm=30, angle_deg=45, scale=0.6))
     hidden = [draw_scene(phantom, Pose(5), BLACK, show_object=False) for phantom in (PHANTOM, elsewhere)]
     np.testing.assert_array_equal(*hidden)
+
+
+@pytest.mark.parametrize(
+    ("angle_deg", "above", "aside"),
+    # In mm: x and y of the target's image plane from above, x from the side.
+    [(0, [-10, 30, 0, 0], [-10, 30]), (90, [10, 10, -20, 20], [10, 10]), (60, [0, 20, -17.3, 17.3], [0, 20])],
+)
+def test_of_an_anatomy_of_ones_own_the_targets_plane_is_shown_alone(angle_deg, above, aside):
+    # No file is needed for it.
+    anatomy = Recording(path="", digest="", target=Pose(10, 50, angle_deg))
+    shown, hidden = (draw_scene(anatomy, Pose(-20), BLACK, show_object=show) for show in (True, False))
+    np.testing.assert_array_equal(hidden, draw_scene(PHANTOM, Pose(-20), BLACK, show_object=False))
+    rows, columns = np.nonzero(np.any(shown != hidden, axis=2))
+    left = columns < SIDE_LEFT - 20
+    x, y = (columns[left] - ABOVE_LEFT) / 5 - 40, (rows[left] - TOP) / 5 - 40
+    np.testing.assert_allclose([x.min(), x.max(), y.min(), y.max()], above, atol=1)
+    x, z = (columns[~left] - SIDE_LEFT) / 5 - 40, (rows[~left] - TOP) / 5
+    np.testing.assert_allclose([x.min(), x.max(), z.min(), z.max()], [*aside, 0, 90], atol=1)
 
 
 def test_a_caption_is_written():

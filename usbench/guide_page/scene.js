@@ -33,6 +33,20 @@ function balls(all, across, towards) {
   return [...shades, ...drawn];
 }
 
+// In an anatomy of one's own, in place of balls: the image plane of the target.
+function planeAbove(target, probe) {
+  if (!target) return [];
+  const plane = shape("g", { transform: `translate(${target.x_mm} 0) rotate(${target.angle_deg})` });
+  plane.append(line(-probe.width / 2, 0, probe.width / 2, 0, "target"));
+  return [plane];
+}
+
+function planeAside(target, probe, depth) {
+  if (!target) return [];
+  const half = Math.max((Math.abs(Math.cos(radians(target.angle_deg))) * probe.width) / 2, 0.4);
+  return [rectangle(target.x_mm - half, 0, 2 * half, depth, "target")];
+}
+
 function ground(phantom, top, bottom, step) {
   const half = phantom.width_mm / 2, xs = range(-half, half, 20), ys = range(top, bottom, step);
   return [
@@ -44,17 +58,18 @@ function ground(phantom, top, bottom, step) {
   ];
 }
 
-function drawAbove(svg, { phantom, probe, pose, balls: all }) {
+function drawAbove(svg, { phantom, probe, pose, target, balls: all }) {
   const { width_mm: width, height_mm: height } = phantom, half = probe.width / 2, slab = probe.slab / 2;
   svg.setAttribute("viewBox", `${-width / 2 - 10} ${-height / 2 - 2} ${width + 14} ${height + 8}`);
   const hand = shape("g", { transform: `translate(${pose.x_mm} 0) rotate(${pose.angle_deg})` });
   hand.append(rectangle(-half, -slab, 2 * half, 2 * slab, "slab"), line(-half, 0, half, 0, "plane"),
     dot(2.5 - half, 2.2 - slab, 0.9, "metal"));
-  svg.replaceChildren(...ground(phantom, -height / 2, height / 2, 20), ...balls(all, 1, (ball) => -ball[2]), hand, ...cross(pose.x_mm, 0));
+  svg.replaceChildren(...ground(phantom, -height / 2, height / 2, 20), ...balls(all, 1, (ball) => -ball[2]),
+    ...planeAbove(target, probe), hand, ...cross(pose.x_mm, 0));
   svg.setAttribute("aria-label", `Phantom from above: the probe at x ${pose.x_mm} mm, its image plane turned by ${pose.angle_deg} degrees`);
 }
 
-function drawSide(svg, { phantom, probe, pose, balls: all }) {
+function drawSide(svg, { phantom, probe, pose, target, balls: all }) {
   const { width_mm: width, depth_mm: depth } = phantom, x = pose.x_mm, focus = pose.focal_depth_mm;
   svg.setAttribute("viewBox", `${-width / 2 - 10} -9 ${width + 14} ${depth + 16}`);
   const cosine = Math.cos(radians(pose.angle_deg)), sine = Math.sin(radians(pose.angle_deg));
@@ -64,6 +79,7 @@ function drawSide(svg, { phantom, probe, pose, balls: all }) {
   svg.replaceChildren(
     ...ground(phantom, 0, depth, 10),
     ...balls(all, 2, (ball) => ball[1]),
+    ...planeAside(target, probe, depth),
     rectangle(x - slab, 0, 2 * slab, depth, "slab"),
     polygon([x - aperture, 0, x + aperture, 0, x, focus], "beam"),
     polygon([x, focus, x + spread, foot, x - spread, foot], "beam"),
