@@ -3,7 +3,8 @@
 rho is the distance from an element's centre in the plane of the array. The element is divided into
 `n_elevation` rectangles in their far field, as Field II does (Jensen and Svendsen 1992); there is no
 elevation focus. Off the plane, the two-way factor (E(y) / E(0))^2 is written as a delay and a few taps, whole
-and half samples of the I/Q apart: a filter as short as the accuracy allows, most often of one or three.
+and half samples of the I/Q apart: a filter as short as the accuracy allows, most often of one or three. What
+the longer way through tissue loses is in it.
 """
 
 from __future__ import annotations
@@ -87,8 +88,13 @@ class ElevationTaps:
 
 
 @lru_cache(maxsize=4)
-def elevation_taps(array: LinearArray, y_max: float, distance_max: float) -> ElevationTaps:
-    """Fit the taps for |y| <= `y_max` and rho <= `distance_max` (m), weighted by the pulse's spectrum."""
+def elevation_taps(
+    array: LinearArray, y_max: float, distance_max: float, attenuation: float = 0.0
+) -> ElevationTaps:
+    """Fit the taps for |y| <= `y_max` and rho <= `distance_max` (m), weighted by the pulse's spectrum.
+
+    `attenuation` is that of the tissue, Np / (m Hz).
+    """
     y_grid = np.arange(0.0, y_max + 2 * _Y_STEP * _REFINEMENT, _Y_STEP * _REFINEMENT)
     distances = np.arange(0.0, distance_max + 2 * _DISTANCE_STEP, _DISTANCE_STEP)
     distances = np.maximum(distances, _LEAST_DISTANCE)
@@ -107,7 +113,8 @@ def elevation_taps(array: LinearArray, y_max: float, distance_max: float) -> Ele
     for i, y in enumerate(y_grid):
         factor, extra = elevation_factor(array, float(y), distances, frequencies)
         path[i] = 2.0 * (extra - on_plane_extra)
-        weighted = np.square(factor / on_plane) * weight
+        lost = np.exp(-attenuation * np.outer(path[i], frequencies)).astype(np.float32)
+        weighted = np.square(factor / on_plane) * (weight * lost)
         allowed = np.maximum(_TOLERANCE * _energy(weighted), _SILENT)
         for k in reversed(range(len(_KINDS))):
             coefficients = weighted @ fits[k].T

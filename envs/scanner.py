@@ -26,7 +26,14 @@ def scan(
     A pure function of its arguments, all of them frozen values.
     """
     positions, amplitudes = phantom.in_view(pose, HALF_WIDTH, HALF_THICKNESS)
-    iq, _ = simulate_iq(positions, amplitudes, array, pose.focal_depth_mm * 1e-3, max_depth=imaging.depth)
+    iq, _ = simulate_iq(
+        positions,
+        amplitudes,
+        array,
+        pose.focal_depth_mm * 1e-3,
+        max_depth=imaging.depth,
+        attenuation_db_per_cm_mhz=phantom.attenuation_db_per_cm_mhz,
+    )
     return bmode(
         iq,
         array.iq_sampling_frequency,

@@ -15,6 +15,9 @@ TRUE_REWARD = "normalized"
 TRAINED_ON = (TRUE_REWARD, IMAGE)
 # An episode's, and more than any trial needs.
 MAX_FRAMES = 64
+# Settings that are younger than trials which are kept: left out where they change nothing, so that a trial has
+# the name that it always had.
+LATER = {"attenuation_db_per_cm_mhz": 0.0}
 # What is recorded with a trial, since its bits depend on them.
 PACKAGES = (
     "usbench",
@@ -76,8 +79,14 @@ def resolve(
         hyperparameters=hyperparameters,
         environment={
             "id": suite.TASKS[task].env_id,
-            **{name: asdict(getattr(plain, name)) for name in plain.scene},
+            **{name: _recorded(getattr(plain, name)) for name in plain.scene},
             # What is trained on; the score is always that of the true reward.
             **({} if reward == TRUE_REWARD else {"reward": reward}),
         },
     )
+
+
+def _recorded(part: Any) -> dict[str, Any]:
+    """Return a part of the scene as plain values."""
+    values = asdict(part)
+    return {name: value for name, value in values.items() if name not in LATER or value != LATER[name]}
