@@ -134,9 +134,9 @@ def aperture(
 
     distances = np.arange(0.0, np.hypot(np.abs(x).max(), z_max) + 2 * _DISTANCE_STEP, _DISTANCE_STEP)
     distances[0] = _DISTANCE_STEP / 2
-    factor, extra = elevation_factor(array, 0.0, distances, frequencies)
+    factor, extra = elevation_factor(array, 0.0, distances, frequencies, attenuation)
     factor *= np.exp(-2j * np.pi / c * extra[:, np.newaxis] * frequencies)
-    factor *= np.exp(-attenuation * (distances + extra)[:, np.newaxis] * frequencies)
+    factor *= np.exp(-attenuation * np.outer(distances, frequencies))
     factor *= array.element_width * array.element_height / (2 * np.pi)
     return Aperture(
         orders or (0,),

@@ -123,7 +123,9 @@ def simulate_iq(
         shared &= array.n_active >= FEWEST_SHARED
         if shared.any():
             table = response_table(array, focal_depth, u_limit, z_limit, None, attenuation)
-            iq[shared] = _sum(points, weights, table, taps, array, lines[shared], offsets[shared], n_samples)
+            iq[shared] = _sum(
+                points, weights, table, taps, array, lines[shared], offsets[shared], n_samples, attenuation
+            )
         # For others, as those beyond the array's last full aperture, each side of each line has a table.
         for line in np.flatnonzero(~shared):
             for mirror in (1.0, -1.0):
@@ -132,7 +134,7 @@ def simulate_iq(
                 table = response_table(array, focal_depth, u_limit, z_limit, offset, attenuation)
                 iq[line] += _sum(
                     points[side] * [mirror, 1.0, 1.0], weights[side], table, taps, array,
-                    mirror * lines[[line]], np.zeros(1), n_samples,
+                    mirror * lines[[line]], np.zeros(1), n_samples, attenuation,
                 )[0]  # fmt: skip
     return np.ascontiguousarray(iq.T), np.arange(n_samples) / rate
 
@@ -188,15 +190,19 @@ def _sum(
     lines: npt.NDArray[np.float64],
     offsets: npt.NDArray[np.float64],
     n_samples: int,
+    attenuation: float,
 ) -> npt.NDArray[np.complex64]:
     """Add up the scatterers, sorted by depth, for every line, (n_lines, n_samples).
 
-    `offsets` (n_lines,) m are those of the lines from their apertures' centres.
+    `offsets` (n_lines,) m are those of the lines from their apertures' centres; `attenuation` is in Np / (m Hz).
     """
     x, y, z = (np.ascontiguousarray(column) for column in points.T)
     row = np.searchsorted(table.depths, z, side="right") - 1
     row = np.clip(row, 0, len(table.depths) - 2)
     fraction = np.clip((z - table.depths[row]) / np.diff(table.depths)[row], 0.0, 1.0).astype(np.float32)
+    # Waveforms are those of the nearest depth: the way from there counts too.
+    nearest = table.depths[row + (fraction > np.float32(0.5))]
+    weights = weights * np.exp(-2 * attenuation * array.center_frequency * (z - nearest))
     y_row = np.rint(np.abs(y) / taps.y_step).astype(np.int32)
     first, last = table.span
     margin, wave_length = 3 * BLOCK + max(-first, last), last - first + 3 * BLOCK
