@@ -41,8 +41,8 @@ def elevation_factor(
     """Return E without its mean delay, (n_distances, n_frequencies), and its path, (n_distances,) m.
 
     E = mean_j rho / r_j * sinc(f h y_j / (r_j c)) * exp(-j 2 pi f (r_j - rho) / c), r_j = hypot(rho, y_j),
-    over the rectangles j of height h at the distance y_j in elevation. Frequencies are equally spaced. In tissue
-    with the attenuation b, Np / (m Hz), each term is multiplied by exp(-b f (r_j - rho)).
+    over the rectangles j of height h at the distance y_j in elevation. Frequencies are equally spaced. In
+    tissue with the attenuation b, Np / (m Hz), each term is multiplied by exp(-b f (r_j - rho)).
     """
     height = array.element_height / array.n_elevation
     dy = y - (np.arange(array.n_elevation) - (array.n_elevation - 1) / 2) * height

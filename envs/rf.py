@@ -194,7 +194,8 @@ def _sum(
 ) -> npt.NDArray[np.complex64]:
     """Add up the scatterers, sorted by depth, for every line, (n_lines, n_samples).
 
-    `offsets` (n_lines,) m are those of the lines from their apertures' centres; `attenuation` is in Np / (m Hz).
+    `offsets` (n_lines,) m are those of the lines from their apertures' centres; `attenuation` is in
+    Np / (m Hz).
     """
     x, y, z = (np.ascontiguousarray(column) for column in points.T)
     row = np.searchsorted(table.depths, z, side="right") - 1

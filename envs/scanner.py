@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +13,7 @@ from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Pose
 from usbench.envs.probe import DEFAULT_ARRAY, LinearArray
 from usbench.envs.rf import simulate_iq
+from usbench.envs.settings import table_of, tuned
 from usbench.envs.threads import in_parallel
 
 HALF_WIDTH = 20e-3
@@ -23,25 +25,33 @@ def scan(
 ) -> npt.NDArray[np.uint8]:
     """Return the B-mode frame of `phantom` from `pose`, (height_px, width_px) uint8: depth, lateral.
 
-    A pure function of its arguments, all of them frozen values.
+    A pure function of its arguments, all of them frozen values. A `Setup` has its settings in place of the
+    array's and the imaging's.
     """
-    positions, amplitudes = phantom.in_view(pose, HALF_WIDTH, HALF_THICKNESS)
-    iq, _ = simulate_iq(
-        positions,
-        amplitudes,
-        array,
-        pose.focal_depth_mm * 1e-3,
-        max_depth=imaging.depth,
-        attenuation_db_per_cm_mhz=phantom.attenuation_db_per_cm_mhz,
-    )
+    pose, array, imaging = tuned(pose, array, imaging)
     return bmode(
-        iq,
+        _echoes(phantom, pose, array, imaging.depth),
         array.iq_sampling_frequency,
         array.line_positions,
         time_zero=-array.pulse_delay,
         speed_of_sound=array.speed_of_sound,
         imaging=imaging,
     )
+
+
+# Kept for the next frame, which may differ in its dynamic range alone.
+@lru_cache(maxsize=1)
+def _echoes(phantom: Phantom, pose: Pose, array: LinearArray, depth: float) -> npt.NDArray[np.complex64]:
+    """Return the I/Q (n_samples, n_lines) of all lines down to `depth` (m)."""
+    positions, amplitudes = phantom.in_view(pose, HALF_WIDTH, HALF_THICKNESS)
+    return simulate_iq(
+        positions,
+        amplitudes,
+        array,
+        pose.focal_depth_mm * 1e-3,
+        max_depth=depth,
+        attenuation_db_per_cm_mhz=phantom.attenuation_db_per_cm_mhz,
+    )[0]
 
 
 def scan_batch(
@@ -58,9 +68,9 @@ def scan_batch(
     def make(k: int) -> None:
         frames[k] = scan(*scenes[k], array, imaging)
 
-    depths = [pose.focal_depth_mm for _, pose in scenes]
-    for depth in sorted(set(depths)):
-        first, *others = (k for k in range(len(scenes)) if depths[k] == depth)
-        make(first)  # all cores make the tables of this depth
+    tables = [table_of(pose) for _, pose in scenes]
+    for table in sorted(set(tables)):
+        first, *others = (k for k in range(len(scenes)) if tables[k] == table)
+        make(first)  # all cores make the table
         in_parallel(make, others)
     return frames

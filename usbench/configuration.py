@@ -15,8 +15,8 @@ TRUE_REWARD = "normalized"
 TRAINED_ON = (TRUE_REWARD, IMAGE)
 # An episode's, and more than any trial needs.
 MAX_FRAMES = 64
-# Settings that are younger than trials which are kept: left out where they change nothing, so that a trial has
-# the name that it always had.
+# Settings that are younger than trials which are kept: left out where they change nothing, so that a trial
+# has the name that it always had.
 LATER = {"attenuation_db_per_cm_mhz": 0.0}
 # What is recorded with a trial, since its bits depend on them.
 PACKAGES = (
@@ -65,7 +65,7 @@ def resolve(
         n_frames = whole_number("n_frames", n_frames)
         if not 1 <= n_frames <= MAX_FRAMES:
             raise ValueError(f"n_frames must be a whole number in [1, {MAX_FRAMES}], not {n_frames}.")
-        check_reward(reward, TRAINED_ON)
+        check_reward(reward, [kind for kind in TRAINED_ON if kind in suite.TASKS[task].guidance.rewards])
     except (ValueError, TypeError) as error:
         raise ConfigurationError(str(error)) from error
     plain: Any = suite.make_env(task, noise).unwrapped

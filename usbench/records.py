@@ -27,6 +27,8 @@ TRIAL, EPISODES, EVALUATIONS, MODEL = "trial.json", "episodes.jsonl", "evaluatio
 TENSORBOARD, CHECKPOINTS = "tensorboard", "checkpoints"
 # In `info` and in files where every episode has a phantom of its own.
 OF_A_PHANTOM = ("phantom", "target_x_mm", "target_focal_depth_mm", "target_angle_deg")
+# Of a start or final pose, in `info` and in files of tasks that change the scanner's settings.
+SETTINGS = ("frequency_khz", "dynamic_range_db")
 _EARLIER = re.compile(r"\.earlier-\d+$")
 
 
@@ -87,6 +89,8 @@ class Episode:
         steps_to_goal: Steps until the goal was first reached, None if it never was.
         phantom: Number of the episode's phantom, where each has its own; only then in files.
         target_x_mm: Pose that shows its object best, like the two after it.
+        start_frequency_khz: Settings of the scanner at the start and at the end, like the three after it,
+            where the task changes them; only then in files.
     """
 
     episode: int
@@ -106,14 +110,21 @@ class Episode:
     target_x_mm: int | None = None
     target_focal_depth_mm: int | None = None
     target_angle_deg: int | None = None
+    start_frequency_khz: int | None = None
+    start_dynamic_range_db: int | None = None
+    final_frequency_khz: int | None = None
+    final_dynamic_range_db: int | None = None
 
     def as_row(self) -> dict[str, Any]:
         """Return the line of the record file, as a dictionary."""
         row = {key.rstrip("_"): value for key, value in asdict(self).items()}
-        if self.phantom is None:
-            for key in OF_A_PHANTOM:
+        for key in _MAY_LACK:
+            if row[key] is None:
                 del row[key]
         return row
+
+
+_MAY_LACK = (*OF_A_PHANTOM, *(f"{when}_{name}" for when in ("start", "final") for name in SETTINGS))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""Attenuation against theory: what is lost on the way, lower echoes from deeper, and nothing when it is off."""
+"""Attenuation against theory: what is lost on the way, lower echoes from deeper, nothing when it is off."""
 
 import exact
 import numpy as np
