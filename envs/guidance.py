@@ -55,6 +55,7 @@ class Task:
         limits: Where the probe can be.
         stops: Whether the last action ends the episode; it earns the pose's reward for every step left.
         rewards: Kinds of reward that there are.
+        reward_from_frames: Whether the true reward is computed from frames, of all states.
     """
 
     name: str
@@ -70,6 +71,7 @@ class Task:
     limits: Limits = LIMITS
     stops: bool = False
     rewards: tuple[str, ...] = (*REWARDS, IMAGE)
+    reward_from_frames: bool = False
 
     @property
     def coordinates(self) -> tuple[str, ...]:

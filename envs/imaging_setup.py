@@ -108,6 +108,7 @@ IMAGING_SETUP = Task(
     distance_mm=distance_mm,
     limits=Limits(focal_depth_mm=(30, 80), frequency_khz=(2_000, 5_000), dynamic_range_db=(20, 90)),
     rewards=("normalized",),
+    reward_from_frames=True,
 )
 
 

@@ -117,6 +117,8 @@ class _Trial:
     def __init__(self, config: TrialConfig, out: Path, checkpoints: Checkpoints, progress: Progress) -> None:
         self.config, self.out, self.folder = config, out, out / config.folder_name
         self.checkpoints, self.progress = checkpoints, progress
+        if suite.TASKS[config.task].guidance.reward_from_frames:
+            prepare_frames(config.task, self.progress.frames)  # before the anchors need them, in silence
         self.anchors = suite.anchors(config.task, config.noise)
         self.agent: Any = None
         self.stopwatch = Stopwatch()
