@@ -73,7 +73,7 @@ def test_the_oracle_earns_the_anchors_optimum_on_the_whole_list(name, quick, mon
     agent = zoo.make("oracle", suite.make_env(name), 0, {}, policy=oracle.Planner(name))
     played = Evaluator(name, 0.0, 4).play(agent, checkpoint=0, step=0, deterministic=True)
     assert np.mean([one.return_ for one in played]) == pytest.approx(suite.anchors(name, 0.0).optimal)
-    # From x -20 mm, 10 mm deep, the farthest objects of fp-random are 17 moves away; drawn frames show no cyst.
+    # The farthest objects of fp-random are 17 moves away from x -20 mm; drawn frames show no cyst.
     assert name in ("fp-random", "setup") or all(one.is_success for one in played)
 
 
