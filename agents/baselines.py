@@ -21,7 +21,7 @@ TARGET_KEYS = tuple(f"target_{key}" for key in STATE_KEYS)
 class Planner(Protocol):
     """What the oracle follows: a plan that knows where the probe is."""
 
-    def action(self, step: int, pose: tuple[int, ...], *target: tuple[int, int, int]) -> int:
+    def action(self, step: int, pose: tuple[int, ...], *target: tuple[int, ...]) -> int:
         """The action after `step` steps at the pose `(x_mm, focal_depth_mm, angle_deg)`.
 
         `target` is the pose to be found, where episodes differ in it. A plan whose poses have other

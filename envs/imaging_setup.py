@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from usbench.envs import guidance
 from usbench.envs.bmode import Imaging
+from usbench.envs.frames import frame_store
 from usbench.envs.guidance import Action, GuidanceEnv, Task
 from usbench.envs.phantom import ObjectOfInterest, Phantom
 from usbench.envs.pose import Limits, Move, Pose, cos_deg, sin_deg
@@ -65,7 +65,7 @@ def regions(phantom: Phantom, pose: Pose, imaging: Imaging) -> tuple[Mask, Mask]
 def reward(pose: Pose, target: Pose, kind: str) -> float:
     """Return the quality of the frame of the task's own phantom; frames of all settings are made at once."""
     array, imaging = LinearArray(), Imaging()
-    store = guidance.frame_store(PHANTOM, array, imaging)
+    store = frame_store(PHANTOM, array, imaging)
     store.prepare(_STATES)
     return contrast_to_noise(store.frame(pose), *regions(PHANTOM, pose, imaging))
 

@@ -89,7 +89,7 @@ class Planner:
         """Names of the coordinates that `action` takes, in their order."""
         return self._task.coordinates
 
-    def action(self, step: int, pose: tuple[int, ...], target: tuple[int, int, int] | None = None) -> int:
+    def action(self, step: int, pose: tuple[int, ...], target: tuple[int, ...] | None = None) -> int:
         """Return the best action after `step` steps at `pose`; `target` is the paper's unless given."""
         goal = PAPER_TARGET if target is None else Pose(*target)
         if goal not in self._policies:

@@ -95,7 +95,7 @@ def simulate_iq(
         rf = Re(iq exp(2 pi j f (t - pulse_delay))) with f = `array.iq_center_frequency`.
     """
     points, weights, lines = _checked(positions, amplitudes, array, focal_depth, line_positions)
-    attenuation = nepers_per_m_hz(attenuation_db_per_cm_mhz)
+    attenuation = _nepers_per_m_hz(attenuation_db_per_cm_mhz)
     rate, c = array.iq_sampling_frequency, array.speed_of_sound
     reach = np.abs(points).max(axis=0, initial=0.0)
     u_max = (
@@ -139,7 +139,7 @@ def simulate_iq(
     return np.ascontiguousarray(iq.T), np.arange(n_samples) / rate
 
 
-def nepers_per_m_hz(attenuation_db_per_cm_mhz: float) -> float:
+def _nepers_per_m_hz(attenuation_db_per_cm_mhz: float) -> float:
     """Return the attenuation in Np / (m Hz), or raise ValueError if it is not a number from 0."""
     if not 0 <= attenuation_db_per_cm_mhz < math.inf:  # also false for nan
         raise ValueError(

@@ -46,7 +46,8 @@ class GreyFrames:
 
 @pytest.fixture
 def grey(monkeypatch):
-    monkeypatch.setattr("usbench.envs.guidance.frame_store", lambda *_: GreyFrames())
+    for module in ("guidance", "imaging_setup"):
+        monkeypatch.setattr(f"usbench.envs.{module}.frame_store", lambda *_: GreyFrames())
 
 
 @pytest.fixture
