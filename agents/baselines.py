@@ -21,10 +21,11 @@ TARGET_KEYS = tuple(f"target_{key}" for key in STATE_KEYS)
 class Planner(Protocol):
     """What the oracle follows: a plan that knows where the probe is."""
 
-    def action(self, step: int, pose: tuple[int, int, int], *target: tuple[int, int, int]) -> int:
+    def action(self, step: int, pose: tuple[int, ...], *target: tuple[int, ...]) -> int:
         """The action after `step` steps at the pose `(x_mm, focal_depth_mm, angle_deg)`.
 
-        `target` is the pose to be found, where episodes differ in it.
+        `target` is the pose to be found, where episodes differ in it. A plan whose poses have other
+        coordinates names them, in an attribute `coordinates`.
         """
         ...
 
@@ -140,11 +141,10 @@ class Oracle(_NotLearned):
         return np.array([self._action(info) for info in observation], dtype=np.int64)
 
     def _action(self, info: dict[str, Any]) -> int:
-        missing = [key for key in ("step", *STATE_KEYS) if key not in info]
+        keys = getattr(self.policy, "coordinates", STATE_KEYS)
+        missing = [key for key in ("step", *keys) if key not in info]
         if missing:
-            raise ValueError(
-                f"info must say {', '.join(('step', *STATE_KEYS))}; {', '.join(missing)} is missing."
-            )
-        known = [keys for keys in (STATE_KEYS, TARGET_KEYS) if keys[0] in info]
-        pose, *target = ((int(info[x]), int(info[z]), int(info[angle])) for x, z, angle in known)
+            raise ValueError(f"info must say {', '.join(('step', *keys))}; {', '.join(missing)} is missing.")
+        known = [names for names in (keys, TARGET_KEYS) if names[0] in info]
+        pose, *target = (tuple(int(info[name]) for name in names) for names in known)
         return int(self.policy.action(int(info["step"]), pose, *target))

@@ -51,6 +51,8 @@ ZOO: dict[str, Entry] = {
             "fp": {"gae_lambda": 0.95},
             "pp": {"gae_lambda": 0.97},
             "fp-random": {"gae_lambda": 0.95},
+            # A random hand's 1.4 per step, for ever.
+            "setup": {"initial_value": 140.0},
         },
         presets={"spinup": {"n_value_steps": 80}},
     ),

@@ -115,11 +115,13 @@ class Echogenicity(Anatomy):
         density_per_mm3: Scatterers per volume; the default is that of the paper's object.
         dynamic_range_db: Of an image that is in decibels, as a scanner shows them, from black to its largest
             voxel; None for one that is the strength of echoes itself.
+        attenuation_db_per_cm_mhz: As of a `Phantom`.
     """
 
     seed: int = 0
     density_per_mm3: float = 10_000 / (40.0 * 10.0 * 90.0)
     dynamic_range_db: float | None = None
+    attenuation_db_per_cm_mhz: float = 0.0
     has_focus: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
@@ -138,6 +140,10 @@ class Echogenicity(Anatomy):
             if range_db <= 0:
                 raise ValueError(f"dynamic_range_db must be positive, or None, not {range_db:g}.")
             object.__setattr__(self, "dynamic_range_db", range_db)
+        attenuation = finite("attenuation_db_per_cm_mhz", self.attenuation_db_per_cm_mhz)
+        if attenuation < 0:
+            raise ValueError(f"attenuation_db_per_cm_mhz must be 0 or more, not {attenuation:g}.")
+        object.__setattr__(self, "attenuation_db_per_cm_mhz", attenuation)
 
     def in_view(
         self, pose: Pose, half_width_m: float = 0.020, half_thickness_m: float = 0.005
@@ -150,7 +156,7 @@ class Echogenicity(Anatomy):
 
     def frames(self, poses: Sequence[Pose], array: LinearArray, imaging: Imaging) -> Sequence[Frame]:
         """Return the simulated frame from every pose, (height_px, width_px) uint8 each."""
-        # The scanner asks a phantom for nothing but `in_view`.
+        # The scanner asks a phantom for nothing but `in_view` and its attenuation.
         phantom = cast(Phantom, self)
         return list(scan_batch([(phantom, pose) for pose in poses], array, imaging))
 

@@ -8,7 +8,8 @@ g with the elements' weights and delays along the array, so a product after a Fo
     g(x, z; f) = a / (2 pi r) sinc(f width x / (r c)) E(r; f) exp(-j 2 pi f r / c),     r = hypot(x, z)
 
 with a the element's area and E the factor of `elevation.py`: rectangles in their far field (Jensen and
-Svendsen 1992).
+Svendsen 1992). Tissue that attenuates multiplies g by exp(-b f r), the amplitude's loss on the way r: a power
+law of exponent 1 in frequency (Szabo 2004, section 4.2), without dispersion.
 
 A line need not lie on the centre of its aperture. Its elements, at e_n - d, are a comb of period `pitch`. By
 Poisson's formula their field is a sum over grating lobes, sum_m G_m exp(-2 pi j m d / pitch), where G_m
@@ -45,7 +46,7 @@ class Aperture:
         stride: Steps of x per step of u.
         frequencies: Equally spaced, (n_frequencies,) Hz.
         weights: w_n and their delays, transformed along x, (n_orders, n_frequencies, n_x).
-        factor: a / (2 pi) E(r; f), (n_frequencies, n_distances).
+        factor: a / (2 pi) E(r; f) exp(-b f r), (n_frequencies, n_distances).
         array: The transducer.
     """
 
@@ -100,6 +101,7 @@ def aperture(
     stride: int,
     orders: tuple[int, ...] = (),
     offset: float = 0.0,
+    attenuation: float = 0.0,
 ) -> Aperture:
     """Prepare the fields of the aperture.
 
@@ -113,6 +115,7 @@ def aperture(
         stride: Every how many of them a field is wanted.
         orders: m of the grating lobes; none for the whole field at one offset.
         offset: That offset: line position minus centre of the active aperture, m.
+        attenuation: b, Np / (m Hz).
     """
     c, step = array.speed_of_sound, array.pitch / oversampling
     n = (array.n_active + 1) * oversampling - 1
@@ -131,8 +134,9 @@ def aperture(
 
     distances = np.arange(0.0, np.hypot(np.abs(x).max(), z_max) + 2 * _DISTANCE_STEP, _DISTANCE_STEP)
     distances[0] = _DISTANCE_STEP / 2
-    factor, extra = elevation_factor(array, 0.0, distances, frequencies)
+    factor, extra = elevation_factor(array, 0.0, distances, frequencies, attenuation)
     factor *= np.exp(-2j * np.pi / c * extra[:, np.newaxis] * frequencies)
+    factor *= np.exp(-attenuation * np.outer(distances, frequencies))
     factor *= array.element_width * array.element_height / (2 * np.pi)
     return Aperture(
         orders or (0,),

@@ -32,35 +32,41 @@ _LEAST_DISTANCE = 0.75e-3  # nearer than an element's size the ratio has poles, 
 
 
 def elevation_factor(
-    array: LinearArray, y: float, distances: npt.NDArray[np.floating], frequencies: npt.NDArray[np.floating]
+    array: LinearArray,
+    y: float,
+    distances: npt.NDArray[np.floating],
+    frequencies: npt.NDArray[np.floating],
+    attenuation: float = 0.0,
 ) -> tuple[npt.NDArray[np.complex64], npt.NDArray[np.float64]]:
     """Return E without its mean delay, (n_distances, n_frequencies), and its path, (n_distances,) m.
 
     E = mean_j rho / r_j * sinc(f h y_j / (r_j c)) * exp(-j 2 pi f (r_j - rho) / c), r_j = hypot(rho, y_j),
-    over the rectangles j of height h at the distance y_j in elevation. Frequencies are equally spaced.
+    over the rectangles j of height h at the distance y_j in elevation. Frequencies are equally spaced. In
+    tissue with the attenuation b, Np / (m Hz), each term is multiplied by exp(-b f (r_j - rho)).
     """
     height = array.element_height / array.n_elevation
     dy = y - (np.arange(array.n_elevation) - (array.n_elevation - 1) / 2) * height
     factor = np.zeros((len(distances), len(frequencies)), dtype=np.complex64)
     extra = np.hypot(dy[:, np.newaxis], distances).mean(axis=0) - distances
-    _add_rectangles(dy, height, distances, extra, frequencies / array.speed_of_sound, factor)
+    loss = attenuation * array.speed_of_sound
+    _add_rectangles(dy, height, distances, extra, frequencies / array.speed_of_sound, loss, factor)
     return factor, extra
 
 
 @numba.njit(fastmath=FAST_MATH, nogil=True, error_model="numpy", cache=True)
-def _add_rectangles(dy, height, distances, extra, wave_numbers, factor):
-    """Add every rectangle to `factor`; wave numbers f / c in 1/m."""
+def _add_rectangles(dy, height, distances, extra, wave_numbers, loss, factor):
+    """Add every rectangle to `factor`; wave numbers f / c in 1/m, loss b c."""
     first, step = wave_numbers[0], wave_numbers[-1] - wave_numbers[0]
     step /= max(wave_numbers.shape[0] - 1, 1)
     for i in range(distances.shape[0]):
         for j in range(dy.shape[0]):
             r = np.sqrt(distances[i] * distances[i] + dy[j] * dy[j])
             a = np.pi * height * max(abs(dy[j]) / r, 1e-9)
-            path = -2.0 * np.pi * (r - distances[i] - extra[i])
+            way = 1j * (-2.0 * np.pi * (r - distances[i] - extra[i])) - loss * (r - distances[i])
             gain = distances[i] / (r * dy.shape[0] * a)
             # sin(a f / c) is the imaginary part of the one phasor, propagation is the other.
             wave, wave_turn = np.exp(1j * a * first), np.exp(1j * a * step)
-            phasor, turn = gain * np.exp(1j * path * first), np.exp(1j * path * step)
+            phasor, turn = gain * np.exp(way * first), np.exp(way * step)
             for k in range(wave_numbers.shape[0]):
                 factor[i, k] += wave.imag / wave_numbers[k] * phasor
                 wave *= wave_turn
@@ -87,8 +93,13 @@ class ElevationTaps:
 
 
 @lru_cache(maxsize=4)
-def elevation_taps(array: LinearArray, y_max: float, distance_max: float) -> ElevationTaps:
-    """Fit the taps for |y| <= `y_max` and rho <= `distance_max` (m), weighted by the pulse's spectrum."""
+def elevation_taps(
+    array: LinearArray, y_max: float, distance_max: float, attenuation: float = 0.0
+) -> ElevationTaps:
+    """Fit the taps for |y| <= `y_max` and rho <= `distance_max` (m), weighted by the pulse's spectrum.
+
+    `attenuation` is that of the tissue, Np / (m Hz).
+    """
     y_grid = np.arange(0.0, y_max + 2 * _Y_STEP * _REFINEMENT, _Y_STEP * _REFINEMENT)
     distances = np.arange(0.0, distance_max + 2 * _DISTANCE_STEP, _DISTANCE_STEP)
     distances = np.maximum(distances, _LEAST_DISTANCE)
@@ -100,12 +111,12 @@ def elevation_taps(array: LinearArray, y_max: float, distance_max: float) -> Ele
     bases = [delays[:, list(kind)].astype(np.complex64) for kind in _KINDS]
     fits = [np.linalg.pinv(basis, rcond=1e-4) for basis in bases]
 
-    on_plane, on_plane_extra = elevation_factor(array, 0.0, distances, frequencies)
+    on_plane, on_plane_extra = elevation_factor(array, 0.0, distances, frequencies, attenuation)
     taps = np.zeros((len(_KINDS), len(y_grid), len(distances), 2 * len(_OFFSETS)), dtype=np.float32)
     kinds = np.full((len(y_grid), len(distances)), len(_KINDS) - 1)
     path = np.empty((len(y_grid), len(distances)), dtype=np.float32)
     for i, y in enumerate(y_grid):
-        factor, extra = elevation_factor(array, float(y), distances, frequencies)
+        factor, extra = elevation_factor(array, float(y), distances, frequencies, attenuation)
         path[i] = 2.0 * (extra - on_plane_extra)
         weighted = np.square(factor / on_plane) * weight
         allowed = np.maximum(_TOLERANCE * _energy(weighted), _SILENT)

@@ -31,6 +31,7 @@ from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Pose
 from usbench.envs.probe import LinearArray
 from usbench.envs.scanner import scan, scan_batch
+from usbench.envs.settings import as_row, from_row, table_of
 
 # What can be examined.
 Tissue = Phantom | Anatomy
@@ -101,8 +102,8 @@ class FrameStore:
         self._load()
         missing = [pose for pose in dict.fromkeys(poses) if pose not in self._frames]
         done = 0
-        for depth in sorted({pose.focal_depth_mm for pose in missing}):  # each has tables of its own
-            alike = [pose for pose in missing if pose.focal_depth_mm == depth]
+        for table in sorted({table_of(pose) for pose in missing}):
+            alike = [pose for pose in missing if table_of(pose) == table]
             for start in range(0, len(alike), _BATCH):
                 batch = alike[start : start + _BATCH]
                 for pose, frame in zip(batch, self._scan(batch), strict=True):
@@ -149,7 +150,7 @@ class FrameStore:
         contents = cache.read(self.path)
         cache.mark_used(self.path)
         for pose, frame in zip(contents.poses.tolist(), contents.frames, strict=True):
-            self._keep(Pose(*pose), frame)
+            self._keep(from_row(pose), frame)
 
     def _save(self) -> None:
         if (_simulator(), _anatomy()) != (SIMULATOR, ANATOMY):
@@ -160,7 +161,7 @@ class FrameStore:
             return
         with contextlib.suppress(Exception):  # `_load` has told of a damaged file
             self._read()  # what other processes have added meanwhile
-        poses = np.array([(p.x_mm, p.focal_depth_mm, p.angle_deg) for p in self._frames], dtype=np.int32)
+        poses = np.array([as_row(pose) for pose in self._frames], dtype=np.int32)
         frames = np.stack(list(self._frames.values()))
         scene = " ".join(map(_in_words, self._scene))
         try:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import numbers
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar, TypeVar
@@ -18,7 +18,7 @@ from usbench.envs.bmode import Imaging
 from usbench.envs.frames import FrameStore, Tissue, frame_store
 from usbench.envs.likeness import likeness, standard_view
 from usbench.envs.phantom import Phantom
-from usbench.envs.pose import LIMITS, Limits, Move, Pose, sin_deg
+from usbench.envs.pose import LIMITS, Limits, Move, Pose, coordinates, sin_deg
 from usbench.envs.probe import LinearArray
 from usbench.envs.scene import draw_scene
 
@@ -27,7 +27,7 @@ T = TypeVar("T")
 REWARDS = ("normalized", "paper")
 # Computed from the frame alone: see `likeness.py`.
 IMAGE = "image"
-COORDINATES = ("x_mm", "focal_depth_mm", "angle_deg")
+COORDINATES = coordinates(Pose())
 
 
 @dataclass(frozen=True)
@@ -55,6 +55,8 @@ class Task:
         n_steps: Length of an episode.
         limits: Where the probe can be.
         stops: Whether the last action ends the episode; it earns the pose's reward for every step left.
+        rewards: Kinds of reward that there are.
+        reward_from_frames: Whether the true reward is computed from frames, of all states.
     """
 
     name: str
@@ -69,6 +71,17 @@ class Task:
     n_steps: int = 16
     limits: Limits = LIMITS
     stops: bool = False
+    rewards: tuple[str, ...] = (*REWARDS, IMAGE)
+    reward_from_frames: bool = False
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of a pose's coordinates, in their order."""
+        return coordinates(self.states[0])
+
+    def pose(self, values: Mapping[str, int]) -> Pose:
+        """Return the pose whose coordinates `values` holds by name, as `info` does."""
+        return type(self.states[0])(**{name: values[name] for name in self.coordinates})
 
     @cached_property
     def indices(self) -> dict[Pose, int]:
@@ -117,6 +130,7 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 4}
     task: ClassVar[Task]
+    default_phantom: ClassVar[Phantom] = Phantom()
     # The arguments that frames follow from.
     scene: ClassVar[tuple[str, ...]] = ("phantom", "probe", "imaging")
 
@@ -132,12 +146,14 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
     ) -> None:
         """Check the configuration; nothing is simulated before the first reset."""
         self.noise = check_noise(noise)
-        self.reward = check_reward(reward, (*REWARDS, IMAGE))
+        self.reward = check_reward(reward, self.task.rewards)
         self.phantom: Tissue = (
-            self._fitting(phantom) if isinstance(phantom, Anatomy) else _instance("phantom", phantom, Phantom)
+            self._fitting(phantom)
+            if isinstance(phantom, Anatomy)
+            else _instance("phantom", phantom, self.default_phantom)
         )
-        self.probe = _instance("probe", probe, LinearArray)
-        self.imaging = _instance("imaging", imaging, Imaging)
+        self.probe = _instance("probe", probe, LinearArray())
+        self.imaging = _instance("imaging", imaging, Imaging())
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise unknown("render_mode", render_mode, self.metadata["render_modes"])
         self.render_mode = render_mode
@@ -162,7 +178,8 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
 
         Args:
             seed: Starts a new stream of random numbers; None continues the old one.
-            options: Any subset of "x_mm", "focal_depth_mm" and "angle_deg", in place of the drawn values.
+            options: Any subset of the pose's coordinates ("x_mm", "focal_depth_mm", "angle_deg"; with
+                settings "frequency_khz" and "dynamic_range_db" too), in place of the drawn values.
 
         Raises:
             TypeError: If an option is not a number.
@@ -206,6 +223,11 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
 
     def _fitting(self, anatomy: Anatomy) -> Anatomy:
         """Return an anatomy of one's own if this task can be done in it."""
+        if self.task.reward_from_frames:
+            raise ValueError(
+                f"the task {self.task.name!r} has no anatomy of one's own: its reward needs an object whose "
+                "outline is known."
+            )
         moves_focus = any(action.move.focal_depth_mm for action in self.task.actions)
         if moves_focus and not anatomy.has_focus:
             raise ValueError(
@@ -238,15 +260,16 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
         # Where it is the paper's, nobody needs to be told.
         target = self._target_info() if isinstance(self.phantom, Anatomy) else {}
         return {
-            "x_mm": pose.x_mm,
-            "focal_depth_mm": pose.focal_depth_mm,
-            "angle_deg": pose.angle_deg,
+            **{name: getattr(pose, name) for name in coordinates(pose)},
             "distance_mm": self.task.distance_mm(pose, self.target),
             "sin_angle": sin_deg(pose.angle_deg - self.target.angle_deg),
             "noise": displaced,
-            "is_success": self.task.is_success(pose, self.target),
+            "is_success": self._is_success(pose),
             **target,
         }
+
+    def _is_success(self, pose: Pose) -> bool:
+        return self.task.is_success(pose, self.target)
 
     def _target_info(self) -> dict[str, int]:
         return {f"target_{name}": getattr(self.target, name) for name in COORDINATES}
@@ -255,11 +278,12 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
         if options is None:
             return start
         if not isinstance(options, dict):
-            raise TypeError(f"options must be a dict with any of {', '.join(COORDINATES)}, not {options!r}.")
+            names = ", ".join(self.task.coordinates)
+            raise TypeError(f"options must be a dict with any of {names}, not {options!r}.")
         for name in options:
-            if name not in COORDINATES:
-                raise unknown("option", name, COORDINATES)
-        pose = Pose(**{name: options.get(name, getattr(start, name)) for name in COORDINATES})
+            if name not in self.task.coordinates:
+                raise unknown("option", name, self.task.coordinates)
+        pose = self.task.pose({name: getattr(start, name) for name in self.task.coordinates} | options)
         self.task.limits.check(pose)
         return pose
 
@@ -268,12 +292,12 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
         return {**self.__dict__, "_frames": None}
 
 
-def _instance(name: str, value: T | None, cls: type[T]) -> T:
-    """Return `value`, or a default `cls()` in place of None."""
+def _instance(name: str, value: T | None, default: T) -> T:
+    """Return `value`, or `default` in place of None."""
     if value is None:
-        return cls()
-    if not isinstance(value, cls):
-        raise TypeError(f"{name} must be of type {cls.__name__}, not {value!r}.")
+        return default
+    if not isinstance(value, type(default)):
+        raise TypeError(f"{name} must be of type {type(default).__name__}, not {value!r}.")
     return value
 
 
@@ -281,6 +305,6 @@ def _difference(before: Pose, after: Pose, displacement: Move) -> dict[str, int]
     """Return by how much noise changed the coordinates that it meant to; 0 where the border blocked it."""
     return {
         name: getattr(displacement, name) if getattr(after, name) != getattr(before, name) else 0
-        for name in COORDINATES
+        for name in coordinates(before)
         if getattr(displacement, name) != 0
     }

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.envs.registration import load_env_creator
 
-from usbench.envs.guidance import GuidanceEnv, Task, check_noise, check_reward, unknown
+from usbench.envs.guidance import REWARDS, GuidanceEnv, Task, check_noise, check_reward, unknown
 from usbench.envs.pose import Move, Pose
 
 PAPER_TARGET = Pose(0, 50, 0)
@@ -54,11 +54,11 @@ class Policy:
         """Whether an action is as good as the best one, (n_steps, n_states, n_actions)."""
         return np.asarray(self.costs == 0)
 
-    def action(self, step: int, pose: Pose | tuple[int, int, int]) -> int:
-        """Return the best action after `step` steps at `pose` (x_mm, focal_depth_mm, angle_deg)."""
+    def action(self, step: int, pose: Pose | tuple[int, ...]) -> int:
+        """Return the best action after `step` steps at `pose` (its coordinates in the task's order)."""
         return int(self.actions[self._step(step), self._state(pose)])
 
-    def value(self, step: int, pose: Pose | tuple[int, int, int]) -> float:
+    def value(self, step: int, pose: Pose | tuple[int, ...]) -> float:
         """Return the expected return of the steps that are left after `step` steps at `pose`."""
         return float(self.values[self._step(step), self._state(pose)])
 
@@ -67,8 +67,9 @@ class Policy:
             raise ValueError(f"step must be in [0, {self.task.n_steps - 1}], not {step!r}.")
         return int(step)
 
-    def _state(self, pose: Pose | tuple[int, int, int]) -> int:
-        pose = pose if isinstance(pose, Pose) else Pose(*pose)
+    def _state(self, pose: Pose | tuple[int, ...]) -> int:
+        if not isinstance(pose, Pose):
+            pose = self.task.pose(dict(zip(self.task.coordinates, pose, strict=True)))
         index = self.task.indices.get(pose)
         if index is None:
             raise ValueError(f"pose must be one that task {self.task.name!r} can reach, not {pose}.")
@@ -83,9 +84,12 @@ class Planner:
         self._task, self._noise = _task(task), check_noise(noise)
         self._policies: dict[Pose, Policy] = {}
 
-    def action(
-        self, step: int, pose: tuple[int, int, int], target: tuple[int, int, int] | None = None
-    ) -> int:
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of the coordinates that `action` takes, in their order."""
+        return self._task.coordinates
+
+    def action(self, step: int, pose: tuple[int, ...], target: tuple[int, ...] | None = None) -> int:
         """Return the best action after `step` steps at `pose`; `target` is the paper's unless given."""
         goal = PAPER_TARGET if target is None else Pose(*target)
         if goal not in self._policies:
@@ -114,14 +118,20 @@ def returns(
         ValueError: If `task` or `reward` is unknown or `noise` outside [0, 1].
     """
     task = _task(task)
-    return _returns(task, check_noise(noise), check_reward(reward), target, starts or task.starts)
+    return _returns(task, check_noise(noise), _kind(task, reward), target, starts or task.starts)
 
 
 def policy(
     task: str | Task, noise: float = 0.0, reward: str = "normalized", target: Pose = PAPER_TARGET
 ) -> Policy:
     """Return the optimal policy; arguments and errors are those of `returns`."""
-    return _policy(_task(task), check_noise(noise), check_reward(reward), target)
+    task = _task(task)
+    return _policy(task, check_noise(noise), _kind(task, reward), target)
+
+
+def _kind(task: Task, reward: str) -> str:
+    """Return the kind of reward, if `task` has it and poses tell it."""
+    return check_reward(reward, [kind for kind in task.rewards if kind in REWARDS])
 
 
 @lru_cache(maxsize=256)
@@ -167,12 +177,18 @@ def _action_values(
 ) -> npt.NDArray[np.float64]:
     """Return reward plus expected value after the noise, (n_states, n_actions), from `values` one step on."""
     following, displaced = _transitions(task)
-    rewards = np.array([task.reward(pose, target, reward) for pose in task.states])
+    rewards = _rewards(task, reward, target)
     expected = (1 - noise) * values + noise * values[displaced].mean(axis=1)
     q = np.asarray(rewards + expected, dtype=np.float64)[following]
     if task.stops:
         q[:, -1] = rewards * steps_left
     return q
+
+
+@lru_cache(maxsize=16)
+def _rewards(task: Task, reward: str, target: Pose) -> npt.NDArray[np.float64]:
+    """Return the reward of being in every state, (n_states,)."""
+    return np.array([task.reward(pose, target, reward) for pose in task.states], dtype=np.float64)
 
 
 @lru_cache(maxsize=16)

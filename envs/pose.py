@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import numbers
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -51,28 +51,32 @@ def cos_deg(angle_deg: int) -> float:
 
 @dataclass(frozen=True)
 class Move:
-    """A change of pose, in whole mm and degrees."""
+    """A change of pose, in whole mm and degrees, and of the settings of a `Setup`, in whole kHz and dB."""
 
     x_mm: int = 0
     focal_depth_mm: int = 0
     angle_deg: int = 0
+    frequency_khz: int = 0
+    dynamic_range_db: int = 0
 
     def __post_init__(self) -> None:
         """Hold the values as whole numbers, or refuse them."""
-        for name in ("x_mm", "focal_depth_mm", "angle_deg"):
-            object.__setattr__(self, name, whole_number(name, getattr(self, name)))
+        for field in fields(self):
+            object.__setattr__(self, field.name, whole_number(field.name, getattr(self, field.name)))
 
 
 @dataclass(frozen=True)
 class Limits:
-    """Closed intervals (low, high) of the probe's centre and of its focal depth; angles have no limit."""
+    """Closed intervals (low, high) of the probe's centre, its focal depth and settings; angles have none."""
 
     x_mm: tuple[int, int] = (-20, 20)
     focal_depth_mm: tuple[int, int] = (5, 90)
+    frequency_khz: tuple[int, int] = (2_000, 5_000)
+    dynamic_range_db: tuple[int, int] = (20, 90)
 
     def __post_init__(self) -> None:
         """Hold the values as whole numbers, or refuse them."""
-        for name in ("x_mm", "focal_depth_mm"):
+        for name in (field.name for field in fields(self)):
             interval = tuple(whole_number(f"a limit of {name}", value) for value in getattr(self, name))
             if len(interval) != 2 or interval[0] > interval[1]:
                 raise ValueError(f"the limits of {name} must be (low, high), not {getattr(self, name)!r}.")
@@ -80,10 +84,15 @@ class Limits:
 
     def check(self, pose: Pose) -> None:
         """Raise ValueError if `pose` lies outside these limits."""
-        for name in ("x_mm", "focal_depth_mm"):
-            low, high = getattr(self, name)
+        for name in coordinates(pose):
+            low, high = getattr(self, name, (-math.inf, math.inf))
             if not low <= getattr(pose, name) <= high:
                 raise ValueError(f"{name} must be in [{low}, {high}], not {getattr(pose, name)}.")
+
+    def kept(self, name: str, value: int, change: int) -> int:
+        """Return the coordinate `name` after a change, or `value` as it was where that would lie outside."""
+        low, high = getattr(self, name)
+        return value + change if low <= value + change <= high else value
 
 
 LIMITS = Limits()
@@ -105,7 +114,7 @@ class Pose:
 
     def __post_init__(self) -> None:
         """Hold the values as whole numbers, or refuse them."""
-        for name in ("x_mm", "focal_depth_mm", "angle_deg"):
+        for name in coordinates(self):
             object.__setattr__(self, name, whole_number(name, getattr(self, name)))
         if self.focal_depth_mm < 1:
             raise ValueError(f"focal_depth_mm must be at least 1, not {self.focal_depth_mm}.")
@@ -113,13 +122,11 @@ class Pose:
 
     def moved(self, move: Move, limits: Limits = LIMITS) -> Pose:
         """Return the pose after `move`; a coordinate that would leave its limits keeps its value."""
-        x_mm = self.x_mm + move.x_mm
-        if not limits.x_mm[0] <= x_mm <= limits.x_mm[1]:
-            x_mm = self.x_mm
-        focal_depth_mm = self.focal_depth_mm + move.focal_depth_mm
-        if not limits.focal_depth_mm[0] <= focal_depth_mm <= limits.focal_depth_mm[1]:
-            focal_depth_mm = self.focal_depth_mm
-        return Pose(x_mm, focal_depth_mm, self.angle_deg + move.angle_deg)
+        return Pose(
+            limits.kept("x_mm", self.x_mm, move.x_mm),
+            limits.kept("focal_depth_mm", self.focal_depth_mm, move.focal_depth_mm),
+            self.angle_deg + move.angle_deg,
+        )
 
     def to_probe(self, positions: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """Return positions of the phantom (n, 3) m as seen from the probe, (n, 3) m.
@@ -132,3 +139,8 @@ class Pose:
         cosine, sine = cos_deg(self.angle_deg), sin_deg(self.angle_deg)
         x, y = points[:, 0] - self.x_mm * 1e-3, points[:, 1]
         return np.stack([cosine * x + sine * y, cosine * y - sine * x, points[:, 2]], axis=1)
+
+
+def coordinates(pose: Pose) -> tuple[str, ...]:
+    """Return the names of a pose's coordinates; a `Setup` has more than a plain one."""
+    return tuple(pose.__dataclass_fields__)  # as `fields` does, in a tenth of the time

@@ -61,7 +61,12 @@ class ResponseTable:
 
 
 def response_table(
-    array: LinearArray, focal_depth: float, u_max: float, z_max: float, offset: float | None = None
+    array: LinearArray,
+    focal_depth: float,
+    u_max: float,
+    z_max: float,
+    offset: float | None = None,
+    attenuation: float = 0.0,
 ) -> ResponseTable:
     """Tabulate the response for 0 <= u <= u_max and depths up to z_max (m).
 
@@ -72,8 +77,9 @@ def response_table(
         z_max: Largest depth, m.
         offset: Line position minus centre of the active aperture, m, for a table of that offset, on the side
             u >= 0 alone; None for all orders.
+        attenuation: Of the tissue, Np / (m Hz).
     """
-    return _tables(array, focal_depth, u_max, z_max, offset)
+    return _tables(array, focal_depth, u_max, z_max, offset, attenuation)
 
 
 def keep_tables(n_depths: int) -> None:
@@ -93,7 +99,12 @@ def forget_tables() -> None:
 
 
 def _tabulated(
-    array: LinearArray, focal_depth: float, u_max: float, z_max: float, offset: float | None
+    array: LinearArray,
+    focal_depth: float,
+    u_max: float,
+    z_max: float,
+    offset: float | None,
+    attenuation: float,
 ) -> ResponseTable:
     depths = depth_grid(focal_depth, z_max)
     depths = np.append(depths, 2 * depths[-1] - depths[-2])
@@ -105,8 +116,9 @@ def _tabulated(
     stride = max(1, round(step * oversampling / array.pitch))
     lobes = tuple(range(-highest, highest + 1)) if offset is None else ()
     beam = aperture(
-        array, focal_depth, frequencies, u_max, float(depths[-1]), oversampling, stride, lobes, offset or 0.0
-    )
+        array, focal_depth, frequencies, u_max, float(depths[-1]), oversampling, stride, lobes, offset or 0.0,
+        attenuation,
+    )  # fmt: skip
     chunks = [depths[i : i + _ROWS + 1] for i in range(0, len(depths) - 1, _ROWS)]
     rows = in_parallel(lambda chunk: tabulate(beam, chunk, n_samples), chunks)
     return _joined(orders_of(beam), depths[:-1], float(beam.u[1]), rows)

@@ -1,4 +1,4 @@
-"""Pulse-echo lines of point scatterers, as Field II models them: linear, single scattering, no attenuation.
+"""Pulse-echo lines of point scatterers, as Field II models them: linear, single scattering.
 
     rf_l(t) = pulse(t) * sum_s a_s [h_l(r_s, t) * h_l(r_s, t)]        (* is convolution in time)
 
@@ -6,7 +6,7 @@ with h the spatial impulse response of the line's apodised and delayed aperture 
 1971; Jensen and Svendsen 1992). The bracket comes from a table per focal depth (`response.py`), the distance
 from the image plane from a short filter (`elevation.py`); this file adds up the scatterers, as I/Q (see
 `LinearArray.iq_center_frequency`). Time zero of a line is the instant at which its reference point
-(x_l, 0, 0) fires.
+(x_l, 0, 0) fires. Tissue may attenuate, by exp(-a f d) on a way of d (see `aperture.py`).
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ def simulate_rf(
     array: LinearArray,
     focal_depth: float,
     line_positions: npt.ArrayLike | None = None,
+    attenuation_db_per_cm_mhz: float = 0.0,
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float64]]:
     """Simulate the RF of all lines.
 
@@ -41,16 +42,24 @@ def simulate_rf(
         array: The transducer.
         focal_depth: Of transmit and receive, m.
         line_positions: Lateral positions of the lines, (n_lines,) m; default `array.line_positions`.
+        attenuation_db_per_cm_mhz: Of the tissue, 0 for none.
 
     Returns:
         rf (n_samples, n_lines) float32 in arbitrary units, and time (n_samples,) in s from 0, at
         `array.rf_sampling_frequency`. The pulse is causal: an echo starts at 2 r / c.
 
     Raises:
-        ValueError: If shapes are wrong, values are not finite, or a scatterer or the focus is not below the
-            surface.
+        ValueError: If shapes are wrong, values are not finite, a scatterer or the focus is not below the
+            surface, or the attenuation is negative.
     """
-    iq, iq_time = simulate_iq(positions, amplitudes, array, focal_depth, line_positions)
+    iq, iq_time = simulate_iq(
+        positions,
+        amplitudes,
+        array,
+        focal_depth,
+        line_positions,
+        attenuation_db_per_cm_mhz=attenuation_db_per_cm_mhz,
+    )
     n, factor = len(iq_time), array.iq_decimation
     spectrum = np.zeros((n * factor, iq.shape[1]), dtype=np.complex64)
     half = n // 2
@@ -68,6 +77,7 @@ def simulate_iq(
     focal_depth: float,
     line_positions: npt.ArrayLike | None = None,
     max_depth: float | None = None,
+    attenuation_db_per_cm_mhz: float = 0.0,
 ) -> tuple[npt.NDArray[np.complex64], npt.NDArray[np.float64]]:
     """Simulate the same as complex baseband (I/Q); its magnitude is the envelope.
 
@@ -78,12 +88,14 @@ def simulate_iq(
         focal_depth: m.
         line_positions: (n_lines,) m.
         max_depth: The lines end with the echoes from here, m; default: with the latest echo.
+        attenuation_db_per_cm_mhz: As for `simulate_rf`.
 
     Returns:
         iq (n_samples, n_lines) complex64 and time (n_samples,) s at `array.iq_sampling_frequency`;
         rf = Re(iq exp(2 pi j f (t - pulse_delay))) with f = `array.iq_center_frequency`.
     """
     points, weights, lines = _checked(positions, amplitudes, array, focal_depth, line_positions)
+    attenuation = _nepers_per_m_hz(attenuation_db_per_cm_mhz)
     rate, c = array.iq_sampling_frequency, array.speed_of_sound
     reach = np.abs(points).max(axis=0, initial=0.0)
     u_max = (
@@ -104,23 +116,36 @@ def simulate_iq(
         u_limit = 40e-3 * math.ceil(u_max / 40e-3 - 1e-9)
         z_limit = 90e-3 * math.ceil(reach[2] / 90e-3 - 1e-9)
         y_limit = 5e-3 * max(1, math.ceil(reach[1] / 5e-3 - 1e-9))
-        taps = elevation_taps(array, y_limit, math.hypot(u_limit + array.n_active * array.pitch, z_limit))
+        farthest = math.hypot(u_limit + array.n_active * array.pitch, z_limit)
+        taps = elevation_taps(array, y_limit, farthest, attenuation)
         offsets = lines - array.aperture_centers(lines)
         shared = np.abs(offsets) <= array.pitch / 2 * (1 + 1e-9)
         shared &= array.n_active >= FEWEST_SHARED
         if shared.any():
-            table = response_table(array, focal_depth, u_limit, z_limit)
-            iq[shared] = _sum(points, weights, table, taps, array, lines[shared], offsets[shared], n_samples)
+            table = response_table(array, focal_depth, u_limit, z_limit, None, attenuation)
+            iq[shared] = _sum(
+                points, weights, table, taps, array, lines[shared], offsets[shared], n_samples, attenuation
+            )
         # For others, as those beyond the array's last full aperture, each side of each line has a table.
         for line in np.flatnonzero(~shared):
             for mirror in (1.0, -1.0):
                 side = points[:, 0] >= lines[line] if mirror > 0 else points[:, 0] < lines[line]
-                table = response_table(array, focal_depth, u_limit, z_limit, mirror * float(offsets[line]))
+                offset = mirror * float(offsets[line])
+                table = response_table(array, focal_depth, u_limit, z_limit, offset, attenuation)
                 iq[line] += _sum(
                     points[side] * [mirror, 1.0, 1.0], weights[side], table, taps, array,
-                    mirror * lines[[line]], np.zeros(1), n_samples,
+                    mirror * lines[[line]], np.zeros(1), n_samples, attenuation,
                 )[0]  # fmt: skip
     return np.ascontiguousarray(iq.T), np.arange(n_samples) / rate
+
+
+def _nepers_per_m_hz(attenuation_db_per_cm_mhz: float) -> float:
+    """Return the attenuation in Np / (m Hz), or raise ValueError if it is not a number from 0."""
+    if not 0 <= attenuation_db_per_cm_mhz < math.inf:  # also false for nan
+        raise ValueError(
+            f"attenuation_db_per_cm_mhz must be a non-negative number, not {attenuation_db_per_cm_mhz!r}."
+        )
+    return attenuation_db_per_cm_mhz * math.log(10) / 20 * 100 / 1e6
 
 
 def _checked(
@@ -165,15 +190,20 @@ def _sum(
     lines: npt.NDArray[np.float64],
     offsets: npt.NDArray[np.float64],
     n_samples: int,
+    attenuation: float,
 ) -> npt.NDArray[np.complex64]:
     """Add up the scatterers, sorted by depth, for every line, (n_lines, n_samples).
 
-    `offsets` (n_lines,) m are those of the lines from their apertures' centres.
+    `offsets` (n_lines,) m are those of the lines from their apertures' centres; `attenuation` is in
+    Np / (m Hz).
     """
     x, y, z = (np.ascontiguousarray(column) for column in points.T)
     row = np.searchsorted(table.depths, z, side="right") - 1
     row = np.clip(row, 0, len(table.depths) - 2)
     fraction = np.clip((z - table.depths[row]) / np.diff(table.depths)[row], 0.0, 1.0).astype(np.float32)
+    # Waveforms are those of the nearest depth: the way from there counts too.
+    nearest = table.depths[row + (fraction > np.float32(0.5))]
+    weights = weights * np.exp(-2 * attenuation * array.center_frequency * (z - nearest))
     y_row = np.rint(np.abs(y) / taps.y_step).astype(np.int32)
     first, last = table.span
     margin, wave_length = 3 * BLOCK + max(-first, last), last - first + 3 * BLOCK

@@ -12,6 +12,7 @@ from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Pose
 from usbench.envs.probe import DEFAULT_ARRAY, LinearArray
 from usbench.envs.rf import simulate_iq
+from usbench.envs.settings import table_of, tuned
 from usbench.envs.threads import in_parallel
 
 HALF_WIDTH = 20e-3
@@ -23,10 +24,19 @@ def scan(
 ) -> npt.NDArray[np.uint8]:
     """Return the B-mode frame of `phantom` from `pose`, (height_px, width_px) uint8: depth, lateral.
 
-    A pure function of its arguments, all of them frozen values.
+    A pure function of its arguments, all of them frozen values. A `Setup` has its settings in place of the
+    array's and the imaging's.
     """
+    pose, array, imaging = tuned(pose, array, imaging)
     positions, amplitudes = phantom.in_view(pose, HALF_WIDTH, HALF_THICKNESS)
-    iq, _ = simulate_iq(positions, amplitudes, array, pose.focal_depth_mm * 1e-3, max_depth=imaging.depth)
+    iq, _ = simulate_iq(
+        positions,
+        amplitudes,
+        array,
+        pose.focal_depth_mm * 1e-3,
+        max_depth=imaging.depth,
+        attenuation_db_per_cm_mhz=phantom.attenuation_db_per_cm_mhz,
+    )
     return bmode(
         iq,
         array.iq_sampling_frequency,
@@ -51,9 +61,9 @@ def scan_batch(
     def make(k: int) -> None:
         frames[k] = scan(*scenes[k], array, imaging)
 
-    depths = [pose.focal_depth_mm for _, pose in scenes]
-    for depth in sorted(set(depths)):
-        first, *others = (k for k in range(len(scenes)) if depths[k] == depth)
-        make(first)  # all cores make the tables of this depth
+    tables = [table_of(pose) for _, pose in scenes]
+    for table in sorted(set(tables)):
+        first, *others = (k for k in range(len(scenes)) if tables[k] == table)
+        make(first)  # all cores make the table
         in_parallel(make, others)
     return frames

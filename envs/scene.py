@@ -16,6 +16,7 @@ from usbench.envs.anatomy import Anatomy
 from usbench.envs.frames import Tissue
 from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Pose, cos_deg, sin_deg
+from usbench.envs.settings import in_words
 
 Image = npt.NDArray[np.uint8]
 Color = tuple[int, int, int]
@@ -51,9 +52,8 @@ def draw_scene(
     _draw_above(image, phantom, pose)
     _draw_side(image, phantom, pose)
     _draw_frame(image, pose, frame)
-    readout = (
-        f"x {_signed(pose.x_mm)} mm      focus {pose.focal_depth_mm} mm      angle {pose.angle_deg}\u00b0"
-    )
+    where = [f"x {_signed(pose.x_mm)} mm", f"focus {pose.focal_depth_mm} mm", f"angle {pose.angle_deg}\u00b0"]
+    readout = (" " * 6).join([*where, *in_words(pose)])
     _text(image, readout, (ABOVE_LEFT, BOTTOM - 4), TEXT, 0.5, bold=True)
     _text(image, caption, (ABOVE_LEFT, BOTTOM + 22), FAINT_TEXT, 0.48)
     return image

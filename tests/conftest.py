@@ -49,6 +49,7 @@ def speed_up(monkeypatch):
 
     frames = DrawnFrames()
     monkeypatch.setattr("usbench.envs.guidance.frame_store", lambda *_: frames)
+    monkeypatch.setattr("usbench.envs.imaging_setup.frame_store", lambda *_: frames)
     monkeypatch.setattr("usbench.runner.frame_store", lambda *_: frames)
     monkeypatch.setattr("usbench.board.frame_store", lambda *_: frames)
     if suite.TASKS["pp"].checkpoints != QUICK_CHECKPOINTS:  # fixtures may ask for it within each other

@@ -2,9 +2,10 @@
 
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
-from usbench import leaderboard
+from usbench import leaderboard, runner, suite
 
 TOP = Path(__file__).parents[1]
 
@@ -14,3 +15,11 @@ def test_committed_leaderboard_comes_from_the_committed_tables(tmp_path, name):
     leaderboard.write(leaderboard.files(TOP / "leaderboard.md"), tmp_path / "leaderboard.md")
     # `usbench compare` writes them, `usbench leaderboard` writes them again.
     assert (TOP / name).read_bytes() == (tmp_path / name).read_bytes()
+
+
+def test_trials_of_the_committed_leaderboard_have_the_names_that_they_always_had():
+    # A setting that is new changes no name where it is off: what was run is not run again.
+    trials = pd.read_csv(TOP / "leaderboard_files" / "trials.csv")
+    for task in suite.PAPER:
+        row = trials[(trials["task"] == task) & (trials["algo"] == "vpg") & (trials["seed"] == 0)].iloc[0]
+        assert runner.resolve("vpg", task, noise=row["noise"], steps=row["steps"]).folder_name == row["trial"]

@@ -120,6 +120,7 @@ def test_settings_that_cannot_be_are_refused_in_one_sentence(capsys, file, setti
     [
         (["--task", "fp"], "a focus of its own"),
         (["--task", "exam"], "a focus of its own"),
+        (["--task", "setup"], "has no anatomy of one's own"),
         (["--task", "pp-random"], "phantom is drawn anew in every episode"),
         (["--reward", "image"], "reward must be one of 'normalized', 'paper'"),
     ],

@@ -9,7 +9,6 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.logger import Image, Logger, TensorBoardOutputFormat
 
 from usbench.envs.frames import frame_store
-from usbench.envs.pose import Pose
 from usbench.records import Evaluation
 
 RANDOM, OPTIMAL = "anchors/normalized_score_random", "anchors/normalized_score_optimal"
@@ -52,12 +51,12 @@ def evaluated(agent: BaseAlgorithm, played: Sequence[Evaluation]) -> None:
 def strip(agent: BaseAlgorithm, played: Sequence[Evaluation]) -> npt.NDArray[np.uint8]:
     """Return the last frames of episodes side by side, (height_px, width) uint8, white between them."""
     env: Any = agent.get_env()
-    probe, imaging = (env.get_attr(name)[0] for name in ("probe", "imaging"))
+    probe, imaging, task = (env.get_attr(name)[0] for name in ("probe", "imaging", "task"))
     frames = []
     for row in played:
         own = row.phantom is None
         phantom = env.get_attr("phantom")[0] if own else env.get_attr("phantoms")[0].phantom(row.phantom)
-        pose = Pose(row.final_x_mm, row.final_focal_depth_mm, row.final_angle_deg)
+        pose = task.pose({name: getattr(row, f"final_{name}") for name in task.coordinates})
         frames.append(frame_store(phantom, probe, imaging).frame(pose))
     gap = np.full((len(frames[0]), GAP_PX), 255, np.uint8)
     parts = [part for frame in frames for part in (frame, gap)]

@@ -16,6 +16,9 @@ TRUE_REWARD = "normalized"
 TRAINED_ON = (TRUE_REWARD, IMAGE)
 # An episode's, and more than any trial needs.
 MAX_FRAMES = 64
+# Settings that are younger than trials which are kept: left out where they change nothing, so that a trial
+# has the name that it always had.
+LATER = {"attenuation_db_per_cm_mhz": 0.0}
 # What is recorded with a trial, since its bits depend on them.
 PACKAGES = (
     "usbench",
@@ -64,13 +67,13 @@ def resolve(
         n_frames = whole_number("n_frames", n_frames)
         if not 1 <= n_frames <= MAX_FRAMES:
             raise ValueError(f"n_frames must be a whole number in [1, {MAX_FRAMES}], not {n_frames}.")
-        check_reward(reward, TRAINED_ON)
+        check_reward(reward, [kind for kind in TRAINED_ON if kind in suite.TASKS[task].guidance.rewards])
         plain: Any = suite.make_env(task, noise, reward=reward, anatomy=anatomy).unwrapped
         if anatomy is not None:
             _check_reached(anatomy.target, plain.task)
     except (ValueError, TypeError) as error:
         raise ConfigurationError(str(error)) from error
-    scene = {name: asdict(getattr(plain, name)) for name in plain.scene}
+    scene = {name: _recorded(getattr(plain, name)) for name in plain.scene}
     return TrialConfig(
         task=task,
         algo=algo,
@@ -96,3 +99,9 @@ def _check_reached(target: Pose, task: Task) -> None:
             f"the target must be a pose that the task {task.name!r} reaches, as the nearest, {nearest}, not "
             f"{target}."
         )
+
+
+def _recorded(part: Any) -> dict[str, Any]:
+    """Return a part of the scene as plain values."""
+    values = asdict(part)
+    return {name: value for name, value in values.items() if name not in LATER or value != LATER[name]}

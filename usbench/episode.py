@@ -29,7 +29,7 @@ def optimum(
     plan = oracle.policy(task, noise, target=env.unwrapped.target)
     returns, over = [0.0], False
     while not over:
-        pose = (info["x_mm"], info["focal_depth_mm"], info["angle_deg"])
+        pose = plan.task.pose(info)
         _, reward, stopped, truncated, info = env.step(plan.action(len(returns) - 1, pose))
         returns.append(returns[-1] + float(reward))
         over = stopped or truncated
@@ -43,5 +43,7 @@ def slip(noise: Mapping[str, Any]) -> str:
         "x_mm": lambda change: f"{abs(change)} mm to the {'right' if change > 0 else 'left'}",
         "focal_depth_mm": lambda change: f"{abs(change)} mm {'deeper' if change > 0 else 'shallower'}",
         "angle_deg": lambda change: f"{abs(change)}° {'clockwise' if change > 0 else 'counter-clockwise'}",
+        "frequency_khz": lambda change: f"{abs(change) / 1e3:g} MHz {'up' if change > 0 else 'down'}",
+        "dynamic_range_db": lambda change: f"{abs(change)} dB {'wider' if change > 0 else 'narrower'}",
     }
     return ", ".join(words[name](change) for name, change in noise.items() if change)

@@ -13,7 +13,7 @@ import torch
 
 from usbench import suite
 from usbench.envs.anatomy import Anatomy
-from usbench.records import OF_A_PHANTOM, Evaluation
+from usbench.records import OF_A_PHANTOM, SETTINGS, Evaluation
 
 # Seed of the actions that a stochastic agent draws in evaluations; the episodes' own seeds are the suite's.
 ACTION_SEED = 20_190_001
@@ -66,7 +66,8 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
         """Start an episode."""
         self._origin = self.unwrapped.np_random.bit_generator.state if seed is None else seed
         observation, info = self.env.reset(seed=seed, options=options)
-        self._start = {f"start_{key}": int(info[key]) for key in POSE_KEYS}
+        self._pose_keys = [key for key in (*POSE_KEYS, *SETTINGS) if key in info]
+        self._start = {f"start_{key}": int(info[key]) for key in self._pose_keys}
         self._start |= {key: int(info[key]) for key in OF_A_PHANTOM if key in info}
         self._return = 0.0
         self._to_goal: int | None = None
@@ -88,7 +89,7 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
                 {
                     "return_": self._return,
                     **self._start,
-                    **{f"final_{key}": int(info[key]) for key in POSE_KEYS},
+                    **{f"final_{key}": int(info[key]) for key in self._pose_keys},
                     "final_distance_mm": float(info["distance_mm"]),
                     "final_sin_angle": float(info["sin_angle"]),
                     "is_success": bool(info["is_success"]),

@@ -43,9 +43,10 @@ def shares(evaluations: pd.DataFrame) -> pd.DataFrame:
 
 
 def _moves(coordinate: str) -> dict[str, bool]:
-    """Return which tasks have an action that changes `coordinate`."""
+    """Return which tasks have an action that changes `coordinate`, with the object's as the goal."""
     return {
         name: any(getattr(action.move, coordinate) for action in row.guidance.actions)
+        and not row.guidance.reward_from_frames
         for name, row in suite.TASKS.items()
     }
 

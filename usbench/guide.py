@@ -12,7 +12,7 @@ from usbench.advice import Advice, Adviser
 from usbench.envs import oracle
 from usbench.envs.anatomy import Anatomy
 from usbench.envs.frames import frame_store
-from usbench.envs.pose import Pose, whole_number
+from usbench.envs.pose import Move, whole_number
 
 
 @dataclass(frozen=True)
@@ -114,9 +114,7 @@ class Examination:
         if self.over:
             raise ValueError(f"the episode is over after {self.n_steps} steps: begin a new one.")
         move = self.guidance.actions[action].move
-        self.blocked = self.pose.moved(move, self.guidance.limits) == self.pose and any(
-            (move.x_mm, move.focal_depth_mm, move.angle_deg)
-        )
+        self.blocked = move != Move() and self.pose.moved(move, self.guidance.limits) == self.pose
         observation, reward, _, _, info = self._env.step(action)
         self.actions.append(action)
         self.return_ += float(reward)
@@ -133,7 +131,7 @@ class Examination:
         self.act(self.advice.best if self.advice else 0)
 
     def _look(self, observation: Any, info: dict[str, Any]) -> None:
-        self.pose = Pose(*(info[name] for name in ("x_mm", "focal_depth_mm", "angle_deg")))
+        self.pose = self.guidance.pose(info)
         self.at_goal = bool(info["is_success"])
         self.slip = episode.slip(info["noise"])
         self.advice: Advice | None = None

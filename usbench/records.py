@@ -29,6 +29,8 @@ TENSORBOARD, CHECKPOINTS = "tensorboard", "checkpoints"
 OF_A_PHANTOM = ("phantom", "target_x_mm", "target_focal_depth_mm", "target_angle_deg")
 # In the configuration of an environment: the file of a phantom of one's own. The phantom tells its content.
 VOLUME = "volume"
+# Of a start or final pose, in `info` and in files of tasks that change the scanner's settings.
+SETTINGS = ("frequency_khz", "dynamic_range_db")
 _EARLIER = re.compile(r"\.earlier-\d+$")
 
 
@@ -90,6 +92,8 @@ class Episode:
         phantom: Number of the episode's phantom, where each has its own; only then in files.
         target_x_mm: Pose that shows its object best, like the two after it; in files where it is not the
             paper's.
+        start_frequency_khz: Settings of the scanner at the start and at the end, like the three after it,
+            where the task changes them; only then in files.
     """
 
     episode: int
@@ -109,11 +113,18 @@ class Episode:
     target_x_mm: int | None = None
     target_focal_depth_mm: int | None = None
     target_angle_deg: int | None = None
+    start_frequency_khz: int | None = None
+    start_dynamic_range_db: int | None = None
+    final_frequency_khz: int | None = None
+    final_dynamic_range_db: int | None = None
 
     def as_row(self) -> dict[str, Any]:
         """Return the line of the record file, as a dictionary."""
         row = {key.rstrip("_"): value for key, value in asdict(self).items()}
-        return {key: value for key, value in row.items() if key not in OF_A_PHANTOM or value is not None}
+        return {key: value for key, value in row.items() if key not in _MAY_LACK or value is not None}
+
+
+_MAY_LACK = (*OF_A_PHANTOM, *(f"{when}_{name}" for when in ("start", "final") for name in SETTINGS))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -87,7 +87,7 @@ def play(
 ) -> Iterator[Moment]:
     """Yield what is seen at the start and after every recorded action."""
     planned = suite.evaluation_episodes(task)[eval_episode]
-    names = action_names(task)
+    names, guidance = action_names(task), suite.TASKS[task].guidance
     env = suite.make_env(task, noise, n_frames=n_frames, anatomy=anatomy, render_mode="rgb_array")
     observation, info = env.reset(seed=planned.seed, options=planned.options)
     optima = episode.optimum(task, noise, planned.seed, planned.options, anatomy)
@@ -105,7 +105,7 @@ def play(
             reward=reward,
             return_=total,
             optimum=optima[step],
-            pose=Pose(*(info[key] for key in ("x_mm", "focal_depth_mm", "angle_deg"))),
+            pose=guidance.pose(info),
             distance_mm=info["distance_mm"],
             slip=episode.slip(info["noise"]),
             is_success=info["is_success"],

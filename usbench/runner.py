@@ -121,6 +121,8 @@ class _Trial:
         self.config, self.out, self.folder = config, out, out / config.folder_name
         self.checkpoints, self.progress = checkpoints, progress
         self.anatomy = own_anatomy.recorded(config.environment)
+        if suite.TASKS[config.task].guidance.reward_from_frames:
+            prepare_frames(config.task, self.progress.frames)  # before the anchors need them, in silence
         self.anchors = suite.anchors(config.task, config.noise, self.anatomy)
         self.agent: Any = None
         self.stopwatch = Stopwatch()

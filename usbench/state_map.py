@@ -8,17 +8,29 @@ from matplotlib.axes import Axes
 
 from usbench.envs.guidance import Task
 
-_LABELS = {"focal_depth_mm": "focal depth (mm)", "angle_deg": "angle (degrees)"}
-_UNITS = {"focal_depth_mm": "{} mm deep", "angle_deg": "{} degrees"}
+_LABELS = {
+    "focal_depth_mm": "focal depth (mm)",
+    "angle_deg": "angle (degrees)",
+    "frequency_khz": "frequency (kHz)",
+    "dynamic_range_db": "dynamic range (dB)",
+}
+_UNITS = {
+    "focal_depth_mm": "{} mm deep",
+    "angle_deg": "{} degrees",
+    "frequency_khz": "{} kHz",
+    "dynamic_range_db": "{} dB",
+}
 
 
 def coordinates(task: Task) -> list[str]:
-    """Return which of `focal_depth_mm` and `angle_deg` vary beside the position."""
-    return [key for key in _LABELS if len({getattr(pose, key) for pose in task.states}) > 1]
+    """Return which coordinates vary beside the position."""
+    return [
+        key for key in task.coordinates if key in _LABELS and len({getattr(p, key) for p in task.states}) > 1
+    ]
 
 
 def coordinate(task: Task) -> str:
-    """Return the only coordinate that varies beside the position: `focal_depth_mm` or `angle_deg`."""
+    """Return the only coordinate that varies beside the position, `focal_depth_mm` for example."""
     varying = coordinates(task)
     if len(varying) != 1:
         raise ValueError(f"task {task.name!r} has no flat map: {', '.join(varying) or 'nothing'} varies.")

@@ -72,6 +72,11 @@ ROWS: Mapping[str, Row] = MappingProxyType(
             steps=32_128,
             drawn_starts=72,
         ),
+        "setup": Row(
+            env_id="usbench/ImagingSetup-v0",
+            entry_point="usbench.envs.imaging_setup:ImagingSetupEnv",
+            drawn_starts=56,
+        ),
     }
 )
 # The paper's own, on one phantom each.

@@ -19,6 +19,7 @@ from rich.text import Text
 from usbench import drawing, film, own_anatomy, records, replay
 from usbench.advice import Adviser
 from usbench.envs import scene
+from usbench.envs.settings import in_words
 from usbench.models import load_agent
 from usbench.records import ConfigurationError
 from usbench.replay import Moment
@@ -132,6 +133,7 @@ def table(moments: Iterator[Moment], names: Sequence[str]) -> str:
             "x (mm)": moment.pose.x_mm,
             "focus (mm)": moment.pose.focal_depth_mm,
             "angle (deg)": moment.pose.angle_deg,
+            **({"settings": ", ".join(words)} if (words := in_words(moment.pose)) else {}),
             "distance (mm)": f"{moment.distance_mm:g}",
             "slip": moment.slip,
             "advice for the next": ""
@@ -155,7 +157,8 @@ def screen(moment: Moment, steps: int, names: Sequence[str], console: Console) -
     text.append_text(blocks(image, colored=console.color_system is not None))
     pose = moment.pose
     text.append(f"step {moment.step}/{steps}: {moment.action}", style="bold")
-    text.append(f"   x {pose.x_mm} mm   focus {pose.focal_depth_mm} mm   angle {pose.angle_deg}°\n")
+    where = [f"x {pose.x_mm} mm", f"focus {pose.focal_depth_mm} mm", f"angle {pose.angle_deg}°"]
+    text.append("".join(f"   {part}" for part in [*where, *in_words(pose)]) + "\n")
     text.append("\n".join(film.facts(moment)) + "\n")
     if moment.advice is not None:
         text.append("advice: ")

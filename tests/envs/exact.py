@@ -38,24 +38,31 @@ def paths(point, array, focal_depth, line):
     return r, dx, dy, r + focal_depth - np.hypot(x - line, focal_depth)
 
 
-def one_way(point, array, focal_depth, line, frequencies, start=0.0):
+def one_way(point, array, focal_depth, line, frequencies, start=0.0, attenuation=0.0):
     """Spectrum of the aperture's spatial impulse response after `start` s, (n_frequencies,).
 
-    Far field of rectangles (Jensen and Svendsen 1992).
+    Far field of rectangles (Jensen and Svendsen 1992), each attenuated (dB / cm / MHz) on its own way.
     """
     c, height = array.speed_of_sound, array.element_height / array.n_elevation
     r, dx, dy, path = paths(point, array, focal_depth, line)
     gain = np.hanning(array.n_active + 2)[1:-1, np.newaxis] * array.element_width * height / (2 * np.pi * r)
     across, along, turns = array.element_width * dx / (r * c), height * dy / (r * c), path / c - start
+    decibels = attenuation * r * 1e2 / 1e6
     return np.array(
         [
-            np.sum(gain * np.sinc(f * across) * np.sinc(f * along) * np.exp(-2j * np.pi * f * turns))
+            np.sum(
+                gain
+                * np.sinc(f * across)
+                * np.sinc(f * along)
+                * 10 ** (-decibels * f / 20)
+                * np.exp(-2j * np.pi * f * turns)
+            )
             for f in frequencies
         ]
     )
 
 
-def rf(positions, amplitudes, array, focal_depth, lines, time):
+def rf(positions, amplitudes, array, focal_depth, lines, time, attenuation=0.0):
     """RF at `time` (n_samples,) s, equally spaced, (n_samples, n_lines)."""
     step, pulse = time[1] - time[0], excited_pulse(array)
     at = np.arange(len(pulse)) / array.sampling_frequency
@@ -71,7 +78,7 @@ def rf(positions, amplitudes, array, focal_depth, lines, time):
             heard = np.abs(spectrum) > 1e-4 * np.abs(spectrum).max()
             start = (time[0] + first * step) / 2
             spectrum *= amplitude * heard
-            spectrum[heard] *= one_way(point, array, focal_depth, line, f[heard], start) ** 2
+            spectrum[heard] *= one_way(point, array, focal_depth, line, f[heard], start, attenuation) ** 2
             begin, end = max(first, 0), min(first + n, len(time))
             if begin < end:
                 result[begin:end, i] += np.fft.irfft(spectrum, n)[begin - first : end - first] / step

@@ -88,3 +88,24 @@ def test_the_simulator_shows_the_image(image):
     around = (distance > 12) & (np.abs(row - 45) < 12)
     # Speckle has the same mean in decibels above and below; side lobes fill the tissue around a little.
     assert decibels[distance < 5].mean() - decibels[around].mean() == pytest.approx(20, abs=4)
+
+
+def test_what_attenuates_is_darker_below(tissue_file):
+    plain, lossy = (
+        Echogenicity.read(tissue_file, attenuation_db_per_cm_mhz=loss).frames(
+            [Pose()], LinearArray(), Imaging()
+        )[0]
+        for loss in (0.0, 0.5)
+    )
+    rows = (np.arange(90) + 0.5) * 0.1  # cm
+    below = slice(20, 80)
+    lost_db = (plain.astype(float) - lossy).mean(axis=1)[below] * 60 / 255
+    # There and back, at 3.5 MHz; the spectrum's shift to lower frequencies loses a little less.
+    slope = np.polyfit(rows[below], lost_db, 1)[0]
+    assert slope == pytest.approx(2 * 0.5 * 3.5, rel=0.15)
+
+
+@pytest.mark.parametrize("loss", [-0.1, float("nan"), "much"])
+def test_attenuation_that_cannot_be_is_refused(tissue_file, loss):
+    with pytest.raises((TypeError, ValueError), match="attenuation_db_per_cm_mhz must be"):
+        Echogenicity.read(tissue_file, attenuation_db_per_cm_mhz=loss)

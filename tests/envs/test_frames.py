@@ -80,7 +80,7 @@ def variations():
     changes += [
         {name: getattr(SCENE[0], name) * 1.25}
         for name in ("width_mm", "height_mm", "depth_mm", "tissue_density_per_mm3", "object_density_per_mm3")
-    ] + [{"tissue_amplitude_std": 2.0}]
+    ] + [{"tissue_amplitude_std": 2.0}, {"attenuation_db_per_cm_mhz": 0.5}]
     for change in changes:
         yield dataclasses.replace(SCENE[0], **change), *SCENE[1:]
     for field in dataclasses.fields(LinearArray):
@@ -98,7 +98,7 @@ def test_every_argument_is_in_the_key():
         "dynamic_range_db", "height_px", "width_px", "pixel_size", "median_size"
     }  # fmt: skip
     scenes = [SCENE, *variations()]
-    assert len({FrameStore(*scene).path for scene in scenes}) == len(scenes) == 28
+    assert len({FrameStore(*scene).path for scene in scenes}) == len(scenes) == 29
     assert FrameStore(*SCENE).path == FrameStore(Phantom(), LinearArray(), Imaging()).path
 
 

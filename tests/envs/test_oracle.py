@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from brute_force import expectimax
 
 from usbench.envs.focal_point import FOCAL_POINT, FocalPointEnv
 from usbench.envs.oracle import policy, returns
@@ -49,25 +50,6 @@ def test_noise_costs_the_optimum_and_reward_in_mm_is_another_scale():
         assert all(returns(task, noise).random < returns(task, noise).optimal for noise in (0, 0.5, 1))
     # Eq. 1: 40 mm of depth take eight moves, x = 0 none: the return from there is -(35 + 30 + .. + 5) mm.
     assert policy("fp", 0, "paper").value(0, Pose(0, 10, 0)) == -140
-
-
-def expectimax(task, pose, steps, noise, choose):
-    """Return the value of `pose` by recursion over every action and displacement, without a table."""
-    if steps == 0:
-        return 0.0
-    values = []
-    for action in task.actions:
-        arrived = pose.moved(action.move, task.limits)
-        value = task.reward(arrived, TARGET, "normalized")
-        if noise < 1:
-            value += (1 - noise) * expectimax(task, arrived, steps - 1, noise, choose)
-        if noise > 0:
-            for displacement in task.displacements:
-                slipped = arrived.moved(displacement, task.limits)
-                weight = noise / len(task.displacements)
-                value += weight * expectimax(task, slipped, steps - 1, noise, choose)
-        values.append(value)
-    return choose(values)
 
 
 @pytest.mark.parametrize("task", [FOCAL_POINT, PROBE_PLANE], ids=lambda task: task.name)

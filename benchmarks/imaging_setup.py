@@ -1,0 +1,116 @@
+"""What each knob of the task `setup` does to the image: `python benchmarks/imaging_setup.py`.
+
+Prints the contrast-to-noise ratio along each knob through the best setting, beside the generalized one
+(Rodriguez-Molares et al. 2020, Eq. 9: 1 less the overlap of both histograms), and the best focus and range of
+each frequency. Frames that are not kept yet are simulated.
+"""
+
+import argparse
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.figure import Figure
+from rich.console import Console
+from rich.table import Table
+
+from usbench import drawing
+from usbench.envs.bmode import Imaging
+from usbench.envs.frames import FrameStore, frame_store
+from usbench.envs.imaging_setup import IMAGING_SETUP, PHANTOM, contrast_to_noise, regions
+from usbench.envs.pose import Pose
+from usbench.envs.probe import LinearArray
+
+KNOBS = {
+    "focal_depth_mm": ("focal depth", "mm", 1),
+    "frequency_khz": ("centre frequency", "MHz", 1_000),
+    "dynamic_range_db": ("dynamic range", "dB", 1),
+}
+Quality = Mapping[Pose, tuple[float, float]]
+
+
+def generalized(frame: npt.NDArray[np.uint8]) -> float:
+    """Return the generalized contrast-to-noise ratio of a frame, with a bin for every grey level."""
+    histograms = [
+        np.bincount(frame[mask], minlength=256) / mask.sum() for mask in regions(PHANTOM, Pose(), Imaging())
+    ]
+    return float(1 - np.minimum(*histograms).sum())
+
+
+def measure(store: FrameStore) -> Quality:
+    """Return the contrast-to-noise ratio and the generalized one of every setting."""
+    masks = regions(PHANTOM, Pose(), Imaging())
+    frames = {pose: store.frame(pose) for pose in IMAGING_SETUP.states}
+    return {pose: (contrast_to_noise(frame, *masks), generalized(frame)) for pose, frame in frames.items()}
+
+
+def along(best: Pose, knob: str) -> list[Pose]:
+    """Return the settings that differ from `best` in one knob at most, in its order."""
+    values = sorted({getattr(pose, knob) for pose in IMAGING_SETUP.states})
+    return [replace(best, **{knob: value}) for value in values]
+
+
+def tables(quality: Quality, best: Pose) -> list[Table]:
+    """Return a table for each knob, and that of the best setting for each frequency."""
+    made = []
+    for knob, (name, unit, scale) in KNOBS.items():
+        poses = along(best, knob)
+        table = Table("", *(f"{getattr(pose, knob) / scale:g} {unit}" for pose in poses), title=name)
+        for row, kind in enumerate(("contrast-to-noise ratio", "generalized")):
+            table.add_row(kind, *(f"{quality[pose][row]:.2f}" for pose in poses))
+        made.append(table)
+    table = Table("frequency", "best focus", "best range", "contrast-to-noise ratio", title="each frequency")
+    for pose in along(best, "frequency_khz"):
+        one = max(
+            (other for other in quality if other.frequency_khz == pose.frequency_khz),  # type: ignore[attr-defined]
+            key=lambda other: quality[other][0],
+        )
+        cells = [
+            f"{getattr(one, knob) / scale:g} {unit}"
+            for knob, (_, unit, scale) in KNOBS.items()
+            if knob != "frequency_khz"
+        ]
+        table.add_row(f"{pose.frequency_khz / 1e3:g} MHz", *cells, f"{quality[one][0]:.2f}")  # type: ignore[attr-defined]
+    return [*made, table]
+
+
+def figure(store: FrameStore, quality: Quality, best: Pose) -> Figure:
+    """Return for each knob its ends and the best setting as frames, and the quality over it."""
+    drawn = Figure(figsize=(10.5, 9.6), dpi=110, layout="constrained")
+    axes = drawn.subplots(len(KNOBS), 4, width_ratios=(1, 1, 1, 2.2), squeeze=False)
+    for row, (knob, (name, unit, scale)) in zip(axes, KNOBS.items(), strict=True):
+        poses = along(best, knob)
+        for axis, pose in zip(row, (poses[0], best, poses[-1]), strict=False):
+            axis.imshow(store.frame(pose), cmap="gray", vmin=0, vmax=255, extent=(-20, 20, 90, 0))
+            axis.set_title(f"{getattr(pose, knob) / scale:g} {unit}: {quality[pose][0]:.2f}", fontsize=10)
+        row[0].set_ylabel(f"{name}\ndepth (mm)")
+        values = [getattr(pose, knob) / scale for pose in poses]
+        for kind, label in enumerate(("contrast-to-noise ratio", "generalized")):
+            style = drawing.styles(("contrast-to-noise ratio", "generalized"))[label]
+            row[3].plot(values, [quality[pose][kind] for pose in poses], label=label, **style)
+        row[3].set(xlabel=f"{name} ({unit})", ylim=(0, 2.5))
+        row[3].grid(alpha=0.3)
+    axes[0, 3].legend(fontsize=9, loc="lower center")
+    return drawn
+
+
+def main() -> None:
+    """Print the tables; with --figure, draw them."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--figure", type=Path, metavar="FILE", help="also draw frames and curves")
+    args = parser.parse_args()
+    store = frame_store(PHANTOM, LinearArray(), Imaging())
+    store.prepare(IMAGING_SETUP.states)
+    quality = measure(store)
+    best = max(quality, key=lambda pose: quality[pose][0])
+    for table in tables(quality, best):
+        Console(width=110).print(table)
+    if args.figure is not None:
+        drawing.save(figure(store, quality, best), args.figure)
+        print(args.figure)
+
+
+if __name__ == "__main__":
+    main()

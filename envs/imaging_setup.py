@@ -1,0 +1,166 @@
+"""The imaging-setup task: the probe stands still, and the scanner's settings are to show a cyst best.
+
+Quality is the contrast-to-noise ratio of the frame as it is displayed: the agent sees the frame alone, the
+reward knows where the cyst is.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from usbench.envs.bmode import Imaging
+from usbench.envs.frames import frame_store
+from usbench.envs.guidance import Action, GuidanceEnv, Task
+from usbench.envs.phantom import ObjectOfInterest, Phantom
+from usbench.envs.pose import Limits, Move, Pose, cos_deg, sin_deg
+from usbench.envs.probe import LinearArray
+from usbench.envs.settings import Setup
+
+Mask = npt.NDArray[np.bool_]
+
+# Soft tissue with speckle everywhere but in the object: a cyst, which echoes nothing.
+PHANTOM = Phantom(
+    object_of_interest=ObjectOfInterest(contrast=0.0),
+    tissue_density_per_mm3=Phantom().object_density_per_mm3,
+    attenuation_db_per_cm_mhz=0.5,
+)
+# Mean grey levels of cyst and tissue lie so many standard deviations apart where the image is good.
+GOOD = 2.0
+
+
+def contrast_to_noise(frame: npt.NDArray[np.uint8], inside: Mask, around: Mask) -> float:
+    """Return |m_i - m_o| / sqrt(s_i^2 + s_o^2) of the pixels inside an object and around it; 0 without any.
+
+    Means and standard deviations of the displayed grey levels (Patterson and Foster 1983): settings of the
+    display count, as they do for a person who looks at it.
+    """
+    if not inside.any() or not around.any():
+        return 0.0
+    one, other = frame[inside].astype(np.float64), frame[around].astype(np.float64)
+    noise = np.sqrt(one.var() + other.var())
+    return float(abs(one.mean() - other.mean()) / noise) if noise > 0 else 0.0
+
+
+@lru_cache(maxsize=64)
+def regions(phantom: Phantom, pose: Pose, imaging: Imaging) -> tuple[Mask, Mask]:
+    """Return which pixels (height_px, width_px) lie in the object, and which beside it at the same depths."""
+    lateral_mm, depth_mm = (
+        ((np.arange(n) + 0.5) * imaging.pixel_size - shift) * 1e3
+        for n, shift in (
+            (imaging.width_px, imaging.width_px / 2 * imaging.pixel_size),
+            (imaging.height_px, 0.0),
+        )
+    )
+    u, z = (grid.ravel() for grid in np.meshgrid(lateral_mm, depth_mm))
+    points = np.stack([pose.x_mm + cos_deg(pose.angle_deg) * u, sin_deg(pose.angle_deg) * u, z], axis=1)
+    inside = np.any([ball.contains(points) for ball in phantom.object_of_interest.balls], axis=0)
+    inside = inside.reshape(imaging.height_px, imaging.width_px)
+    return inside, inside.any(axis=1, keepdims=True) & ~inside
+
+
+def reward(pose: Pose, target: Pose, kind: str) -> float:
+    """Return the quality of the frame of the task's own phantom; frames of all settings are made at once."""
+    array, imaging = LinearArray(), Imaging()
+    store = frame_store(PHANTOM, array, imaging)
+    store.prepare(_STATES)
+    return contrast_to_noise(store.frame(pose), *regions(PHANTOM, pose, imaging))
+
+
+def is_success(pose: Pose, target: Pose) -> bool:
+    """Return whether the frame of the task's own phantom is good."""
+    return reward(pose, target, "normalized") >= GOOD
+
+
+def distance_mm(pose: Pose, target: Pose) -> float:
+    """Return how far the focus is from the object's depth."""
+    return float(abs(pose.focal_depth_mm - target.focal_depth_mm))
+
+
+_STATES = tuple(
+    Setup(0, depth_mm, 0, frequency_khz, range_db)
+    for frequency_khz in range(2_000, 5_001, 1_000)
+    for depth_mm in range(30, 81, 10)
+    for range_db in range(20, 91, 10)
+)
+_MOVES = (
+    Move(focal_depth_mm=-10),
+    Move(focal_depth_mm=10),
+    Move(frequency_khz=-1_000),
+    Move(frequency_khz=1_000),
+    Move(dynamic_range_db=-10),
+    Move(dynamic_range_db=10),
+)
+_NAMES = ("focus up", "focus down", "frequency down", "frequency up", "range narrower", "range wider")
+
+IMAGING_SETUP = Task(
+    name="setup",
+    title="Imaging setup",
+    actions=(Action("stay", Move()), *map(Action, _NAMES, _MOVES)),
+    starts=_STATES,
+    displacements=_MOVES,
+    states=_STATES,
+    reward=reward,
+    is_success=is_success,
+    distance_mm=distance_mm,
+    limits=Limits(focal_depth_mm=(30, 80), frequency_khz=(2_000, 5_000), dynamic_range_db=(20, 90)),
+    rewards=("normalized",),
+    reward_from_frames=True,
+)
+
+
+class ImagingSetupEnv(GuidanceEnv):
+    """Find the focal depth, the centre frequency and the dynamic range that show a cyst best.
+
+    ## Description
+    A linear array stands still over soft tissue that attenuates by 0.5 dB/cm/MHz, with a cyst in it: the
+    object of the other tasks, dark in place of bright. The agent sees the B-mode frame alone and turns three
+    knobs. High frequencies resolve more and reach less deep; a focus at the cyst makes its edges sharp; a
+    narrow dynamic range turns weak echoes black, a wide one turns all into the same grey. With probability
+    `noise` a knob slips by one step after an action.
+
+    ## Action Space
+    `Discrete(7)`: 0 stay, 1 focus up (10 mm shallower), 2 focus down (10 mm deeper), 3 frequency down (by 1
+    MHz), 4 frequency up, 5 range narrower (by 10 dB), 6 range wider. The focus stays in [30, 80] mm, the
+    frequency in [2, 5] MHz and the range in [20, 90] dB: a move beyond is not made.
+
+    ## Observation Space
+    `Box(0, 255, (90, 40, 1), uint8)`: the B-mode frame, 1 mm per pixel (depth, lateral, channel). The truth
+    is in `info` only: `x_mm`, `focal_depth_mm`, `angle_deg`, `frequency_khz`, `dynamic_range_db`,
+    `contrast_to_noise` of the frame, `distance_mm` (from the focus to the depth of the cyst), `sin_angle`,
+    `noise` (which knob slipped and by how much, 0 if blocked at its end) and `is_success` (a
+    contrast-to-noise ratio of at least 2).
+
+    ## Rewards
+    The contrast-to-noise ratio of cyst and tissue beside it, of the frame after the action and before the
+    noise: |m_i - m_o| / sqrt(s_i^2 + s_o^2), with mean and standard deviation of the displayed grey levels
+    (Patterson and Foster 1983). The only kind is `"normalized"`, by the noise.
+
+    ## Episode End
+    Truncated after 16 steps, never terminated. Starts: every combination of the settings;
+    `reset(options={"focal_depth_mm": ..., "frequency_khz": ..., "dynamic_range_db": ...})` sets any of them,
+    "x_mm" and "angle_deg" too.
+
+    ## Arguments
+    `noise` (probability, default 0), `reward` ("normalized"), `phantom` (`Phantom`, its object the cyst),
+    `probe` (`LinearArray`) and `imaging` (`Imaging`), whose frequency and dynamic range give way to the
+    settings, `render_mode` (None or "rgb_array").
+    """
+
+    task = IMAGING_SETUP
+    default_phantom = PHANTOM
+
+    def _quality(self, pose: Pose) -> float:
+        return contrast_to_noise(self._frame(pose), *regions(self.phantom, pose, self.imaging))
+
+    def _reward(self, pose: Pose) -> float:
+        return self._quality(pose)
+
+    def _is_success(self, pose: Pose) -> bool:
+        return self._quality(pose) >= GOOD
+
+    def _info(self, displaced: dict[str, int]) -> dict[str, Any]:
+        return {**super()._info(displaced), "contrast_to_noise": self._quality(self.pose)}
