@@ -9,7 +9,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from usbench import cli, guide, own_anatomy, records, replay, results, runner, suite
+from usbench import (
+    cli,
+    film,
+    guide,
+    own_anatomy,
+    records,
+    replay,
+    report_agents,
+    report_poses,
+    results,
+    runner,
+    suite,
+)
 from usbench.envs import anatomy, frames, guidance, oracle
 from usbench.envs.bmode import DEFAULT_IMAGING
 from usbench.envs.pose import Pose
@@ -149,6 +161,15 @@ def test_a_replay_is_of_the_volume(trial):
     # The optimum is that of the target.
     planned = suite.evaluation_episodes("pp")[int(record["eval_episode"])]
     assert last.optimum == pytest.approx(oracle.policy("pp", target=own.target).value(0, planned.start))
+
+
+def test_a_report_plays_it_and_has_no_map_of_another_phantom(trial):
+    (one,) = report_agents.shown(results.collect(trial.parent))
+    poses = report_poses.Poses(suite.TASKS["pp"].guidance, np.zeros(0), "", np.zeros(0, bool))
+    card = report_agents.card(trial.parent, one, poses)
+    assert card.map is None and card.silence == report_agents.OWN_ANATOMY
+    record = replay.typical_episode(trial, deterministic=True)
+    assert card.replay.total == film.fixed(record["return"])
 
 
 def test_a_saved_agent_is_opened_for_the_volume(trial, file):
