@@ -37,18 +37,16 @@ import sweep_worker  # noqa: E402
 from volumes import block, write  # noqa: E402
 
 TARGET = ["target_x_mm=10", "target_angle_deg=30"]
-RUN = ["run", "--algo", "vpg", "--task", "pp", "--steps", "64", "--quiet", "--phantom"]
 
 
 @pytest.fixture(scope="module")
 def _made(tmp_path_factory):
-    """A volume, a trial in it made by the command line, and the frames that it kept."""
+    """A volume, a trial in it, and the frames that it kept."""
     folder = tmp_path_factory.mktemp("anatomy")
     block(folder / "block.mha")
     with pytest.MonkeyPatch.context() as monkeypatch:
         _true_frames(monkeypatch, folder)
-        argv = [*RUN, str(folder / "block.mha"), "frames=recorded", *TARGET, "--out", str(folder / "runs")]
-        assert cli.main(argv) == 0
+        runner.run_trial(resolved(folder / "block.mha", "frames=recorded"), folder / "runs")
     return folder
 
 
@@ -106,6 +104,16 @@ def test_a_trial_tells_where_the_volume_was_and_what_was_looked_for(trial, _made
     assert "phantom" not in evaluations
     # The exact plan knows the target.
     assert state["references"]["optimal"]["success_rate"] == 1
+
+
+@pytest.mark.slow
+def test_the_command_line_makes_the_same_trial(trial, file, capsys, tmp_path):
+    run = ["run", "--algo", "vpg", "--task", "pp", "--steps", "64", "--out", str(tmp_path / "again")]
+    assert cli.main([*run, "--phantom", str(file), "frames=recorded", *TARGET]) == 0
+    assert str(tmp_path / "again" / trial.name / replay.REPLAY) in capsys.readouterr().out
+    assert (tmp_path / "again" / trial.name / records.EPISODES).read_bytes() == (
+        trial / records.EPISODES
+    ).read_bytes()
 
 
 def test_the_same_content_is_the_same_trial_wherever_it_lies(trial, file, tmp_path):
