@@ -106,9 +106,9 @@ class Anatomy(abc.ABC):
 class Echogenicity(Anatomy):
     """Tissue whose scatterers are as strong as the image is bright; frames are simulated.
 
-    Amplitudes are normal, their standard deviation is the image's value in between the voxels, as in the
-    phantoms of Field II (J. A. Jensen, "Field: a program for simulating ultrasound systems", Med. Biol. Eng.
-    Comput. 34 (1996) 351-353). Speckle is the seed's.
+    Amplitudes are normal, their standard deviation is the image's value in between the voxels, as in J. A.
+    Jensen and P. Munk, "Computer phantoms for simulating ultrasound B-mode and CFM images", Acoustical
+    Imaging 23 (1997) 75-80. Speckle is the seed's.
 
     Attributes:
         seed: Of the scatterers, a whole number from 0.

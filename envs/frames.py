@@ -14,7 +14,7 @@ import hashlib
 import platform
 import warnings
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from functools import lru_cache
 from importlib import metadata
 from pathlib import Path
@@ -80,6 +80,8 @@ class FrameStore:
 
     def __init__(self, phantom: Tissue, array: LinearArray, imaging: Imaging) -> None:
         """Nothing is read or simulated yet."""
+        if isinstance(phantom, Anatomy):
+            phantom = replace(phantom, target=Pose())  # of which frames know nothing
         self._scene = (phantom, array, imaging)
         self._frames: dict[Pose, Frame] = {}
         self._loaded = False

@@ -155,6 +155,7 @@ def test_a_frame_to_look_around_needs_no_target(capsys, file, tmp_path):
     assert "a recorded image has no rf" in refusal(capsys, *look, "--rf")
 
 
+@pytest.mark.slow
 def test_rf_of_a_simulated_volume(capsys, file, tmp_path):
     out = tmp_path / "rf.npy"
     assert cli.main(["frame", "--rf", "--out", str(out), "--phantom", str(file), "density_per_mm3=0.01"]) == 0

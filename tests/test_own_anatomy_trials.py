@@ -9,7 +9,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from usbench import cli, guide, own_anatomy, records, replay, results, runner, suite
+from usbench import (
+    cli,
+    film,
+    guide,
+    own_anatomy,
+    records,
+    replay,
+    report_agents,
+    report_poses,
+    results,
+    runner,
+    suite,
+)
 from usbench.envs import anatomy, frames, guidance, oracle
 from usbench.envs.bmode import DEFAULT_IMAGING
 from usbench.envs.pose import Pose
@@ -25,18 +37,16 @@ import sweep_worker  # noqa: E402
 from volumes import block, write  # noqa: E402
 
 TARGET = ["target_x_mm=10", "target_angle_deg=30"]
-RUN = ["run", "--algo", "vpg", "--task", "pp", "--steps", "64", "--quiet", "--phantom"]
 
 
 @pytest.fixture(scope="module")
 def _made(tmp_path_factory):
-    """A volume, a trial in it made by the command line, and the frames that it kept."""
+    """A volume, a trial in it, and the frames that it kept."""
     folder = tmp_path_factory.mktemp("anatomy")
     block(folder / "block.mha")
     with pytest.MonkeyPatch.context() as monkeypatch:
         _true_frames(monkeypatch, folder)
-        argv = [*RUN, str(folder / "block.mha"), "frames=recorded", *TARGET, "--out", str(folder / "runs")]
-        assert cli.main(argv) == 0
+        runner.run_trial(resolved(folder / "block.mha", "frames=recorded"), folder / "runs")
     return folder
 
 
@@ -96,6 +106,16 @@ def test_a_trial_tells_where_the_volume_was_and_what_was_looked_for(trial, _made
     assert state["references"]["optimal"]["success_rate"] == 1
 
 
+@pytest.mark.slow
+def test_the_command_line_makes_the_same_trial(trial, file, capsys, tmp_path):
+    run = ["run", "--algo", "vpg", "--task", "pp", "--steps", "64", "--out", str(tmp_path / "again")]
+    assert cli.main([*run, "--phantom", str(file), "frames=recorded", *TARGET]) == 0
+    assert str(tmp_path / "again" / trial.name / replay.REPLAY) in capsys.readouterr().out
+    assert (tmp_path / "again" / trial.name / records.EPISODES).read_bytes() == (
+        trial / records.EPISODES
+    ).read_bytes()
+
+
 def test_the_same_content_is_the_same_trial_wherever_it_lies(trial, file, tmp_path):
     moved = file.rename(tmp_path / "moved.mha")
     config = resolved(moved, "frames=recorded")
@@ -149,6 +169,15 @@ def test_a_replay_is_of_the_volume(trial):
     # The optimum is that of the target.
     planned = suite.evaluation_episodes("pp")[int(record["eval_episode"])]
     assert last.optimum == pytest.approx(oracle.policy("pp", target=own.target).value(0, planned.start))
+
+
+def test_a_report_plays_it_and_has_no_map_of_another_phantom(trial):
+    (one,) = report_agents.shown(results.collect(trial.parent))
+    poses = report_poses.Poses(suite.TASKS["pp"].guidance, np.zeros(0), "", np.zeros(0, bool))
+    card = report_agents.card(trial.parent, one, poses)
+    assert card.map is None and card.silence == report_agents.OWN_ANATOMY
+    record = replay.typical_episode(trial, deterministic=True)
+    assert card.replay.total == film.fixed(record["return"])
 
 
 def test_a_saved_agent_is_opened_for_the_volume(trial, file):

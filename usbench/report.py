@@ -122,7 +122,9 @@ def _seen(runs: Path, known: Results, tell: Tell) -> dict[str, Any]:
         "other_frames": [
             one.trial
             for one in chosen
-            if one.task in poses and not poses[one.task].digest.startswith(one.frames)
+            if one.task in poses
+            and not poses[one.task].digest.startswith(one.frames)
+            and not report_agents.in_own_anatomy(runs / one.trial)
         ],
         "overview": report_poses.overview(poses) if poses else None,
         "pairs": {task: report_poses.pairs(own) for task, own in poses.items()},

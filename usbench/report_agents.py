@@ -114,6 +114,11 @@ def shown(known: Results) -> list[Shown]:
     return sorted(chosen, key=lambda one: (one.task, not one.learns, -one.score, one.agent))
 
 
+def in_own_anatomy(folder: Path) -> bool:
+    """Return whether a trial was made in an anatomy of somebody's own."""
+    return records.VOLUME in records.read_state(folder)["config"]["environment"]
+
+
 def card(runs: Path, one: Shown, poses: Poses | None) -> Card:
     """Return what there is to see of an agent; its trials are folders in `runs`; no map without `poses`."""
     found = Card(one, play(runs / one.trial, one))
@@ -121,7 +126,7 @@ def card(runs: Path, one: Shown, poses: Poses | None) -> Card:
         return found
     if poses is None:
         return replace(found, silence=report_poses.silence(one.task))
-    if records.VOLUME in records.read_state(runs / one.trial)["config"]["environment"]:
+    if in_own_anatomy(runs / one.trial):
         return replace(found, silence=OWN_ANATOMY)
     missing = [trial for trial in one.trials if not (runs / trial / records.MODEL).is_file()]
     if missing:

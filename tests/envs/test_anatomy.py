@@ -29,15 +29,14 @@ def test_an_anatomy_is_its_content(tissue_file, tmp_path):
     assert one == other and hash(one) == hash(other) and one.path != other.path
     stores = [FrameStore(phantom, ARRAY, IMAGING) for phantom in (one, other)]
     assert stores[0].path == stores[1].path
-    settings = [
-        {"target": Pose(0, 50, 30)},
-        {"placement": Placement(skin_mm=1.0)},
-        {"digest": "0" * 64},
-    ]
+    settings = [{"placement": Placement(skin_mm=1.0)}, {"digest": "0" * 64}]
     different = [dataclasses.replace(one, **change) for change in settings]
     different += [Echogenicity.read(tissue_file), Echogenicity.read(tissue_file, seed=1)]
     paths = {FrameStore(phantom, ARRAY, IMAGING).path for phantom in (one, *different)}
     assert len(paths) == 1 + len(different)
+    # What is looked for changes no frame.
+    elsewhere = dataclasses.replace(one, target=Pose(0, 50, 0))
+    assert elsewhere != one and FrameStore(elsewhere, ARRAY, IMAGING).path == stores[0].path
 
 
 def test_a_file_that_changed_is_never_taken_for_what_it_was(tmp_path):
