@@ -50,6 +50,11 @@ class Policy:
     values: npt.NDArray[np.float64]
 
     @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of the coordinates that `action` takes, in their order."""
+        return self.task.coordinates
+
+    @property
     def best(self) -> npt.NDArray[np.bool_]:
         """Whether an action is as good as the best one, (n_steps, n_states, n_actions)."""
         return np.asarray(self.costs == 0)

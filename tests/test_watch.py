@@ -1,5 +1,6 @@
 """Episodes replayed: the recorded return beside the optimum's, the agent's advice, in files and as text."""
 
+import dataclasses
 import io
 
 import cv2
@@ -121,6 +122,17 @@ def test_page_marks_the_advised_action(finished):
     rows = page[height + 2 + 22 * played[0].advice.best :][4:16, 940:1200]
     assert (rows == film.BEST).all(axis=2).any()
     np.testing.assert_array_equal(page[:height], played[0].picture)
+
+
+def test_page_has_room_for_advice_on_every_action_and_tells_the_settings(quick):
+    names = replay.action_names("setup")
+    advice = Advice((0.0,) * (len(names) - 1) + (1.0,))
+    played = [dataclasses.replace(moment, advice=advice) for moment in replay.play("setup", 0.0, 0, [3, 5])]
+    page = np.asarray(film.page(played[0], 2, names))
+    top = played[0].picture.shape[0] + 2 + 22 * (len(names) - 1)
+    assert (page[top + 4 : top + 16, 940:1190] == film.BEST).all()
+    pose = played[-1].pose
+    assert f"{pose.frequency_khz / 1e3:g} MHz, {pose.dynamic_range_db} dB" in watch.table(played, names)
 
 
 def test_values_are_shown_as_values():

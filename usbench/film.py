@@ -22,8 +22,9 @@ STEP_MS, LAST_STEP_MS = 450, 2000
 WEBP_QUALITY = 60
 # The first is what browsers play, the second what every build of OpenCV writes.
 CODECS = ("vp09", "mp4v")
-FOOTER_HEIGHT, FOOTER_COLOR, FAINT, BAR, BEST = (
+FOOTER_HEIGHT, ACTION_HEIGHT, FOOTER_COLOR, FAINT, BAR, BEST = (
     120,
+    22,
     (15, 18, 24),
     (150, 156, 168),
     (86, 180, 233),
@@ -34,7 +35,8 @@ FOOTER_HEIGHT, FOOTER_COLOR, FAINT, BAR, BEST = (
 def page(moment: Moment, steps: int, names: Sequence[str], title: str = "") -> Image.Image:
     """Return the picture with what was done below it, and what the agent advises."""
     height, width, _ = moment.picture.shape
-    image = Image.new("RGB", (width, height + FOOTER_HEIGHT), FOOTER_COLOR)
+    footer = max(FOOTER_HEIGHT, ACTION_HEIGHT * len(names) + 10)
+    image = Image.new("RGB", (width, height + footer), FOOTER_COLOR)
     image.paste(Image.fromarray(moment.picture), (0, 0))
     draw = ImageDraw.Draw(image)
     lines = [f"step {moment.step}/{steps}: {moment.action}", *facts(moment), title]
@@ -110,7 +112,7 @@ def _draw_advice(draw: ImageDraw.ImageDraw, advice: Advice, names: Sequence[str]
     draw.text((600, top), "advice now:", fill="white", font=font)
     for number, (weight, text) in enumerate(zip(advice.weights, words, strict=True)):
         best = number == advice.best
-        y = top + 22 * number
+        y = top + ACTION_HEIGHT * number
         draw.text((700, y), f"{'> ' if best else '   '}{text}", fill=BEST if best else "white", font=font)
         draw.rectangle(
             (940, y + 4, 940 + round(250 * (weight - low) / ((high - low) or 1.0)), y + 16),

@@ -17,6 +17,8 @@ PHANTOM = Phantom()
 class Scene:
     """Stands in for a phantom: the given scatterers are all that is in view."""
 
+    attenuation_db_per_cm_mhz = 0.0
+
     def __init__(self, positions):
         self.positions = np.reshape(np.asarray(positions, float), (-1, 3))
 
