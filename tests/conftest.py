@@ -1,6 +1,7 @@
 """Quick trials: frames drawn instead of simulated, and a handful of evaluation episodes."""
 
 import dataclasses
+import functools
 import hashlib
 import shutil
 import signal
@@ -46,8 +47,12 @@ def speed_up(monkeypatch):
     """Make trials take a second or two."""
     # Here, so that the tests of the physics do not wait for the rest.
     from usbench import suite
+    from usbench.envs import oracle
 
     frames = DrawnFrames()
+    for name in ("_returns", "_policy", "_rewards"):  # which may be of the simulator's frames
+        plain = getattr(oracle, name).__wrapped__
+        monkeypatch.setattr(oracle, name, functools.lru_cache(maxsize=256)(plain))
     monkeypatch.setattr("usbench.envs.guidance.frame_store", lambda *_: frames)
     monkeypatch.setattr("usbench.envs.imaging_setup.frame_store", lambda *_: frames)
     monkeypatch.setattr("usbench.runner.frame_store", lambda *_: frames)
