@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import gc
 import hashlib
 import shutil
 import signal
@@ -12,6 +13,12 @@ import pytest
 
 # Shells start what runs in the background deaf to Ctrl-C, and some tests send one.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_collection_finish():
+    """Leave out of all garbage collection what is imported by now: every trial ends with one."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -1,5 +1,7 @@
 """An examination without a browser: the episode, the advice, the optimum beside it."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -8,8 +10,9 @@ from usbench.advice import Advice
 from usbench.envs import guidance, oracle
 from usbench.envs.guidance import Action
 from usbench.envs.pose import Move, Pose
-from usbench.guide import Examination, Opened
-from usbench.guide_controls import control
+from usbench.envs.probe_plane import PROBE_PLANE
+from usbench.guide import GUIDED, Examination, Opened
+from usbench.guide_controls import controls
 
 LEFT, RIGHT, TURN_BACK, TURN = 1, 2, 3, 4
 
@@ -36,14 +39,41 @@ def exact(task, noise=0.0):
     ],
 )
 def test_every_move_has_words_and_a_key(move, advice, key):
-    shown = control(Action("name", move))
+    (shown,) = controls(dataclasses.replace(PROBE_PLANE, actions=(Action("name", move),)))
     assert (shown.name, shown.advice, shown.key) == ("name", advice, key)
 
 
-@pytest.mark.parametrize("task", suite.PAPER)
-def test_keys_of_a_task_differ(task):
-    actions = suite.TASKS[task].guidance.actions
-    assert len({control(action).key for action in actions}) == len(actions) == 5
+@pytest.mark.parametrize("task", GUIDED)
+def test_keys_and_words_of_a_task_differ(task):
+    guidance = suite.TASKS[task].guidance
+    shown = controls(guidance)
+    assert [control.name for control in shown] == [action.name for action in guidance.actions]
+    for part in ("key", "advice", "icon"):
+        assert len({getattr(control, part) for control in shown}) == len(shown)
+
+
+def test_scanners_settings_have_no_keys():
+    assert set(suite.TASKS) - set(GUIDED) == {"setup"}
+
+
+@pytest.mark.parametrize("task", sorted(set(GUIDED) - set(suite.PAPER)))
+def test_who_follows_the_optimum_succeeds_in_the_other_tasks_too(task):
+    examination = Examination(task, 0.0, 5, exact(task))
+    while not examination.over:
+        examination.follow()
+    assert examination.at_goal and examination.return_ == pytest.approx(examination.optimum[-1])
+    assert examination.score(examination.return_) > 0.5
+
+
+def test_stopping_ends_the_episode_and_is_judged_there():
+    examination = Examination("exam-stop", 0.0, 5)
+    examination.act(7)
+    assert examination.over and not examination.at_goal and examination.advice is None
+    with pytest.raises(ValueError, match="over after 1 steps"):
+        examination.act(0)
+    assert examination.return_ < examination.optimum[-1]
+    examination.ask(None)  # another agent sees the same end
+    assert examination.over
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.5])

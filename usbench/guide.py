@@ -12,7 +12,11 @@ from usbench.advice import Advice, Adviser
 from usbench.envs import oracle
 from usbench.envs.anatomy import Anatomy
 from usbench.envs.frames import frame_store
+from usbench.envs.guidance import COORDINATES
 from usbench.envs.pose import Move, whole_number
+
+# Tasks in which the probe is all that moves: the scanner's settings have no keys.
+GUIDED = tuple(name for name, task in suite.TASKS.items() if task.guidance.coordinates == COORDINATES)
 
 
 @dataclass(frozen=True)
@@ -64,8 +68,8 @@ class Examination:
 
     @property
     def over(self) -> bool:
-        """Whether all steps are made."""
-        return len(self.actions) == self.n_steps
+        """Whether all steps are made, or the agent or the person has stopped."""
+        return self._stopped or len(self.actions) == self.n_steps
 
     @property
     def frame(self) -> npt.NDArray[np.uint8]:
@@ -94,7 +98,7 @@ class Examination:
         self._adviser = agent.adviser if agent else None
         n_frames = agent.n_frames if agent else 1
         self._env = suite.make_env(self.task, self.noise, n_frames=n_frames, anatomy=self._anatomy)
-        self.return_, self.slip, self.blocked = 0.0, "", False
+        self.return_, self.slip, self.blocked, self._stopped = 0.0, "", False, False
         if self._adviser is not None:
             self._adviser.begin()
         self._look(*self._env.reset(seed=self._seed))
@@ -112,10 +116,10 @@ class Examination:
         if not 0 <= action < len(self.guidance.actions):
             raise ValueError(f"action must be from 0 to {len(self.guidance.actions) - 1}, not {action}.")
         if self.over:
-            raise ValueError(f"the episode is over after {self.n_steps} steps: begin a new one.")
+            raise ValueError(f"the episode is over after {len(self.actions)} steps: begin a new one.")
         move = self.guidance.actions[action].move
         self.blocked = move != Move() and self.pose.moved(move, self.guidance.limits) == self.pose
-        observation, reward, _, _, info = self._env.step(action)
+        observation, reward, self._stopped, _, info = self._env.step(action)
         self.actions.append(action)
         self.return_ += float(reward)
         self._look(observation, info)

@@ -11,7 +11,7 @@ from usbench.advice import Adviser
 from usbench.agents import zoo
 from usbench.envs import oracle
 from usbench.envs.anatomy import Anatomy
-from usbench.guide import Opened
+from usbench.guide import GUIDED, Opened
 from usbench.models import load_agent
 from usbench.records import ConfigurationError
 
@@ -102,7 +102,7 @@ def _known(folder: Path) -> Known | None:
         state = records.read_state(folder)
         config, score = state["config"], _score(folder, state)
         algo, task, noise = str(config["algo"]), config["task"], float(config["noise"])
-        if task not in suite.PAPER or not (folder / records.MODEL).is_file():
+        if task not in GUIDED or not (folder / records.MODEL).is_file():
             return None
         if algo in zoo.ZOO and not zoo.ZOO[algo].learns:
             return None

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from usbench.envs.guidance import COORDINATES, Action
+from usbench.envs.guidance import COORDINATES, Task
 from usbench.envs.pose import Move
 
 
@@ -26,6 +26,7 @@ class Control:
 
 
 STAY = ("hold still", " ", "Space", "hold")
+STOP = ("stop here", "s", "S", "stop")
 # Coordinate and direction of the move -> advice, key, label of the key, icon.
 MOVES = {
     ("x_mm", -1): ("move left", "ArrowLeft", "←", "left"),
@@ -37,9 +38,12 @@ MOVES = {
 }
 
 
-def control(action: Action) -> Control:
-    """Return how a person takes `action`; a move along several coordinates goes by the first of them."""
-    return Control(action.name, *_row(action.move))
+def controls(task: Task) -> list[Control]:
+    """Return how a person takes each action; a move along several coordinates goes by the first of them."""
+    rows = [_row(action.move) for action in task.actions]
+    if task.stops:
+        rows[-1] = STOP
+    return [Control(action.name, *row) for action, row in zip(task.actions, rows, strict=True)]
 
 
 def _row(move: Move) -> tuple[str, str, str, str]:

@@ -10,7 +10,7 @@ import numpy as np
 from usbench import guide_agents, guide_view, suite
 from usbench.agents.hyperparameters import check_seed
 from usbench.envs.guidance import check_noise, unknown
-from usbench.guide import Examination, Opened
+from usbench.guide import GUIDED, Examination, Opened
 from usbench.guide_agents import ORACLE, Known
 from usbench.guide_training import QuickTraining
 from usbench.records import ConfigurationError
@@ -62,9 +62,9 @@ class Session:
         self._seeds = np.random.default_rng(None if seed is None else _seed(seed))
         self.training = QuickTraining(runs)
         self.agent, self.message, self.hidden = ORACLE, "", False
-        self._task, self._noise = _task(task, suite.PAPER), _noise(noise)
+        self._task, self._noise = _task(task, GUIDED), _noise(noise)
         # Another task may not be possible in an anatomy of one's own.
-        self.tasks = suite.PAPER if self.anatomy is None else (self._task,)
+        self.tasks = GUIDED if self.anatomy is None else (self._task,)
         self._find()
         if self._given is None:
             self._settle()
@@ -173,7 +173,8 @@ class Session:
 
     def _find(self) -> None:
         given = [] if self._given is None else [self._given]
-        found = [*(one for one in guide_agents.find(self._runs) if one.anatomy == self.anatomy), *given]
+        known = guide_agents.find(self._runs)
+        found = [*(one for one in known if one.task in self.tasks and one.anatomy == self.anatomy), *given]
         self._trials: dict[str, Known] = {trial.name: trial for trial in found}
 
     def _settle(self) -> None:

@@ -8,7 +8,7 @@ from usbench.envs import scene
 from usbench.envs.anatomy import Anatomy
 from usbench.film import fixed
 from usbench.guide import Examination
-from usbench.guide_controls import control
+from usbench.guide_controls import controls
 
 
 def seen(examination: Examination, *, hidden: bool) -> dict[str, Any]:
@@ -18,7 +18,7 @@ def seen(examination: Examination, *, hidden: bool) -> dict[str, Any]:
     own = isinstance(phantom, Anatomy)
     balls: Any = () if hidden or own else phantom.object_of_interest.balls
     return {
-        "controls": [asdict(control(action)) for action in examination.guidance.actions],
+        "controls": [asdict(control) for control in controls(examination.guidance)],
         "step": len(examination.actions),
         "n_steps": examination.n_steps,
         "over": examination.over,
@@ -65,7 +65,7 @@ def advice(examination: Examination) -> dict[str, Any] | None:
         return None
     is_value = asked.kind == "value"
     low, high = (min(asked.weights), max(asked.weights)) if is_value else (0.0, 1.0)
-    advised = control(examination.guidance.actions[asked.best])
+    advised = controls(examination.guidance)[asked.best]
     return {
         "action": asked.best,
         "words": advised.advice,
