@@ -160,11 +160,13 @@ def guide(args: argparse.Namespace) -> None:
     """Serve the page on which a person moves the probe, until Ctrl-C."""
     from usbench import console, guide_server, runner
     from usbench.guide_session import Session
+    from usbench.tasks import PAPER
 
     with guide_server.listening(args.port) as listener:
         session = Session(args.runs, args.trial, task=args.task, noise=args.noise, seed=args.seed)
         bars = console.Bars()
-        for task in session.tasks:
+        # Of other tasks there are thousands: they are simulated as the probe moves.
+        for task in sorted({*session.tasks} & {*PAPER}):
             runner.prepare_frames(task, bars.frames, session.anatomy)
         bars.close()
         guide_server.serve(session, listener, browser=not args.no_browser)
