@@ -70,8 +70,8 @@ def speed_up(monkeypatch):
 
 
 def _with_fewer_evaluations(row):
-    guidance = dataclasses.replace(row.guidance, starts=row.guidance.starts[::4])
-    few = {"drawn_starts": min(row.drawn_starts, 7), "phantoms": min(row.phantoms, 3)}
+    guidance = dataclasses.replace(row.guidance, starts=row.guidance.starts[::7])
+    few = {"drawn_starts": min(row.drawn_starts, 4), "phantoms": min(row.phantoms, 3)}
     return dataclasses.replace(row, repeats=1, checkpoints=QUICK_CHECKPOINTS, guidance=guidance, **few)
 
 

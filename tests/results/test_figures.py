@@ -16,12 +16,11 @@ GRID = [
 NAMES = ["scores", "learning_curves", "performance_profiles", "improvement", "figure4", "figure5"]
 
 
-def test_every_figure_is_drawn_and_the_same_bytes_again(tmp_path):
-    known = tables(*GRID, trial("random", 0.0))
-    paths = figures.write(known, tmp_path / "a")
+def test_every_figure_is_drawn(tmp_path):
+    # And the same bytes again: see tests/test_compare.py.
+    paths = figures.write(tables(*GRID, trial("random", 0.0)), tmp_path)
     assert [path.name for path in paths] == [f"{name}.png" for name in NAMES]
-    for path, again in zip(paths, figures.write(known, tmp_path / "b"), strict=True):
-        assert path.read_bytes() == again.read_bytes()
+    for path in paths:
         with Image.open(path) as image:
             assert image.width >= 800 and len(image.convert("L").getcolors()) > 10
 
