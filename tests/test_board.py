@@ -36,8 +36,8 @@ def test_scores_anchors_and_frames_are_in_the_events(agent, tmp_path):
     }
     assert values == {board.TRAINING: [(16, 0.25)], board.RANDOM: [(16, 0.0)], board.OPTIMAL: [(16, 1.0)]}
     (picture,) = events.Images(board.FRAMES)
-    # Seven episodes in the quick suite, and white between their frames.
-    assert (picture.height, picture.width) == (90, 7 * 40 + 6 * board.GAP_PX)
+    # Four episodes in the quick suite, and white between their frames.
+    assert (picture.height, picture.width) == (90, 4 * 40 + 3 * board.GAP_PX)
     assert "custom_scalars__config__" in events.Tags()[TENSORS]
 
 

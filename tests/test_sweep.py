@@ -136,6 +136,7 @@ def test_interrupted_sweep_keeps_the_state_of_its_trials(quick, tmp_path):
     assert not multiprocessing.active_children()
 
 
+@pytest.mark.slow
 def test_workers_do_not_outlive_a_sweep_that_was_killed(tmp_path):
     code = (
         "import functools, os, sweep_worker; from usbench import sweep; import multiprocessing\n"

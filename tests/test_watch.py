@@ -98,7 +98,7 @@ def test_optimum_meets_the_same_slips(quick):
 
 
 def test_episodes_in_pictures_that_move_and_a_video(finished, tmp_path):
-    watched = watch.choose(finished, [0, 5])
+    watched = watch.choose(finished, [0, 3])
     for episode in watched.episodes:
         del episode["actions"][2:]
     for name in ("a.gif", "a.webp"):
@@ -200,7 +200,7 @@ def test_without_a_model_it_plays_without_advice_and_says_so(finished, capsys):
 @pytest.mark.parametrize(
     ("argv", "said"),
     [
-        (["--episode", "99"], "from 0 to 6, not 99"),
+        (["--episode", "99"], "from 0 to 3, not 99"),
         (["--episode", "first"], "'first'"),
         (["--out", "a.avi"], ".gif, .webp, .mp4, not 'a.avi'"),
         (["--out", "no/where.gif"], "a folder that exists"),

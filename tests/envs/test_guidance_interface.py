@@ -72,7 +72,7 @@ print(digest.hexdigest())
 """
 
 
-@pytest.mark.parametrize("env_id", IDS)
+@pytest.mark.parametrize("env_id", [pytest.param(IDS[0], marks=pytest.mark.slow), IDS[1]])
 def test_another_process_gives_the_same_bytes(env_id, kept_frames):
     if env_id == IDS[0]:
         # That the simulator repeats itself is seen on the other task: these frames need one simulation only.
