@@ -118,14 +118,15 @@ def print_suite() -> None:
     from usbench.agents.zoo import ZOO
 
     tasks = Table(title="tasks")
+    # Sentences may be broken, names to be typed may not.
     for name in ("task", "Gymnasium id", "title", "steps", "evaluation\nepisodes"):
-        tasks.add_column(name, no_wrap=True)
+        tasks.add_column(name, no_wrap=name != "title")
     for name, task in suite.TASKS.items():
         episodes = str(len(suite.evaluation_episodes(name)))
         tasks.add_row(name, task.env_id, task.guidance.title, str(task.steps), episodes)
     algorithms = Table(title="algorithms")
     for name in ("name", "defaults (--set)", "where they differ"):
-        algorithms.add_column(name, no_wrap=True)
+        algorithms.add_column(name, no_wrap=name != "where they differ")
     for name, entry in ZOO.items():
         differing = [f"--task {task}: {_settings(values, ', ')}" for task, values in entry.tasks.items()]
         differing += [
