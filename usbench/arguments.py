@@ -45,5 +45,6 @@ def phantom(parser: argparse.ArgumentParser, target: str = "") -> None:
         metavar=("FILE", "NAME=VALUE"),
         help="a 3-D image (.nii, .mha, .nrrd) in place of the phantom, needs usbench[anatomy]: "
         "frames=simulated (default) or recorded, lateral=x, down=z, center_x_mm, center_y_mm, skin_mm, seed, "
-        f"density_per_mm3, dynamic_range_db{'; ' if target else ''}{target}",
+        "density_per_mm3, dynamic_range_db, attenuation_db_per_cm_mhz"
+        f"{'; ' if target else ''}{target}",
     )
