@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from usbench.envs.guidance import Action, GuidanceEnv, Task
+from usbench.envs.guidance import GuidanceEnv
 from usbench.envs.pose import Move, Pose, sin_deg
 from usbench.envs.probe_plane import PROBE_PLANE
+from usbench.envs.task import Action, Task
 
 
 def reward(pose: Pose, target: Pose, kind: str) -> float:

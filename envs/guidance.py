@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
-import numbers
-from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, ClassVar, TypeVar
 
 import gymnasium as gym
@@ -18,98 +13,12 @@ from usbench.envs.bmode import Imaging
 from usbench.envs.frames import FrameStore, Tissue, frame_store
 from usbench.envs.likeness import likeness, standard_view
 from usbench.envs.phantom import Phantom
-from usbench.envs.pose import LIMITS, Limits, Move, Pose, coordinates, sin_deg
+from usbench.envs.pose import Move, Pose, coordinates, sin_deg
 from usbench.envs.probe import LinearArray
 from usbench.envs.scene import draw_scene
+from usbench.envs.task import COORDINATES, IMAGE, REWARDS, Task, check_noise, check_reward, unknown
 
 T = TypeVar("T")
-
-REWARDS = ("normalized", "paper")
-# Computed from the frame alone: see `likeness.py`.
-IMAGE = "image"
-COORDINATES = coordinates(Pose())
-
-
-@dataclass(frozen=True)
-class Action:
-    """What an action is called and how it moves the probe."""
-
-    name: str
-    move: Move
-
-
-@dataclass(frozen=True)
-class Task:
-    """All that is particular to a task; a literal constant in the task's own module.
-
-    Attributes:
-        name: Short name, used on the command line and in records.
-        title: Name for people.
-        actions: Meaning of the actions 0, 1, ...
-        starts: Poses from which an episode starts, one of them uniformly.
-        displacements: What noise does to the probe, one of them uniformly.
-        states: All poses that can be reached from the starts.
-        reward: (pose, target, kind) -> reward of being at `pose`; `kind` is one of `REWARDS`.
-        is_success: (pose, target) -> whether an episode that ends at `pose` succeeded.
-        distance_mm: (pose, target) -> what is left to go, in mm.
-        n_steps: Length of an episode.
-        limits: Where the probe can be.
-        stops: Whether the last action ends the episode; it earns the pose's reward for every step left.
-        rewards: Kinds of reward that there are.
-        reward_from_frames: Whether the true reward is computed from frames, of all states.
-    """
-
-    name: str
-    title: str
-    actions: tuple[Action, ...]
-    starts: tuple[Pose, ...]
-    displacements: tuple[Move, ...]
-    states: tuple[Pose, ...]
-    reward: Callable[[Pose, Pose, str], float]
-    is_success: Callable[[Pose, Pose], bool]
-    distance_mm: Callable[[Pose, Pose], float]
-    n_steps: int = 16
-    limits: Limits = LIMITS
-    stops: bool = False
-    rewards: tuple[str, ...] = (*REWARDS, IMAGE)
-    reward_from_frames: bool = False
-
-    @property
-    def coordinates(self) -> tuple[str, ...]:
-        """Names of a pose's coordinates, in their order."""
-        return coordinates(self.states[0])
-
-    def pose(self, values: Mapping[str, int]) -> Pose:
-        """Return the pose whose coordinates `values` holds by name, as `info` does."""
-        return type(self.states[0])(**{name: values[name] for name in self.coordinates})
-
-    @cached_property
-    def indices(self) -> dict[Pose, int]:
-        """The place of every pose in `states`."""
-        return {pose: index for index, pose in enumerate(self.states)}
-
-
-def unknown(what: str, value: object, allowed: Collection[str]) -> ValueError:
-    """Return the error for a name that is not one of `allowed`, with the closest of them."""
-    close = difflib.get_close_matches(str(value).lower(), allowed, n=1, cutoff=0.5)
-    hint = f" (did you mean {close[0]!r}?)" if close else ""
-    return ValueError(f"unknown {what} {value!r}{hint}: allowed are {', '.join(map(repr, allowed))}.")
-
-
-def check_noise(noise: object) -> float:
-    """Return the probability of noise as a float, or raise TypeError or ValueError."""
-    if isinstance(noise, bool | np.bool_) or not isinstance(noise, numbers.Real):
-        raise TypeError(f"noise must be a probability in [0, 1], not {noise!r}.")
-    if not 0 <= float(noise) <= 1:  # also false for nan
-        raise ValueError(f"noise must be a probability in [0, 1], not {noise!r}.")
-    return float(noise)
-
-
-def check_reward(reward: object, allowed: Collection[str] = REWARDS) -> str:
-    """Return the kind of reward, or raise ValueError with the closest name."""
-    if not isinstance(reward, str) or reward not in allowed:
-        raise unknown("reward", reward, allowed)
-    return reward
 
 
 class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):

@@ -14,11 +14,12 @@ import numpy.typing as npt
 
 from usbench.envs.bmode import Imaging
 from usbench.envs.frames import frame_store
-from usbench.envs.guidance import Action, GuidanceEnv, Task
+from usbench.envs.guidance import GuidanceEnv
 from usbench.envs.phantom import ObjectOfInterest, Phantom
 from usbench.envs.pose import Limits, Move, Pose, cos_deg, sin_deg
 from usbench.envs.probe import LinearArray
 from usbench.envs.settings import Setup
+from usbench.envs.task import Action, Task
 
 Mask = npt.NDArray[np.bool_]
 

@@ -11,8 +11,9 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.envs.registration import load_env_creator
 
-from usbench.envs.guidance import REWARDS, GuidanceEnv, Task, check_noise, check_reward, unknown
+from usbench.envs.guidance import GuidanceEnv
 from usbench.envs.pose import Move, Pose
+from usbench.envs.task import REWARDS, Task, check_noise, check_reward, unknown
 
 PAPER_TARGET = Pose(0, 50, 0)
 

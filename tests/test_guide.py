@@ -8,9 +8,9 @@ import pytest
 from usbench import guide, guide_agents, guide_view, suite
 from usbench.advice import Advice
 from usbench.envs import guidance, oracle
-from usbench.envs.guidance import Action
 from usbench.envs.pose import Move, Pose
 from usbench.envs.probe_plane import PROBE_PLANE
+from usbench.envs.task import Action
 from usbench.guide import GUIDED, Examination, Opened
 from usbench.guide_controls import controls
 

@@ -8,8 +8,8 @@ from usbench import own_anatomy, suite
 from usbench.agents import zoo
 from usbench.agents.hyperparameters import check_seed, unknown
 from usbench.envs.anatomy import Anatomy
-from usbench.envs.guidance import IMAGE, Task, check_noise, check_reward
 from usbench.envs.pose import Pose, whole_number
+from usbench.envs.task import IMAGE, Task, check_noise, check_reward
 from usbench.records import ConfigurationError, TrialConfig
 
 TRUE_REWARD = "normalized"

@@ -12,8 +12,8 @@ from usbench.advice import Advice, Adviser
 from usbench.envs import oracle
 from usbench.envs.anatomy import Anatomy
 from usbench.envs.frames import frame_store
-from usbench.envs.guidance import COORDINATES
 from usbench.envs.pose import Move, whole_number
+from usbench.envs.task import COORDINATES
 
 # Tasks in which the probe is all that moves: the scanner's settings have no keys.
 GUIDED = tuple(name for name, task in suite.TASKS.items() if task.guidance.coordinates == COORDINATES)

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from usbench.envs.guidance import COORDINATES, Task
 from usbench.envs.pose import Move
+from usbench.envs.task import COORDINATES, Task
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 
 from usbench import guide_agents, guide_view, suite
 from usbench.agents.hyperparameters import check_seed
-from usbench.envs.guidance import check_noise, unknown
+from usbench.envs.task import check_noise, unknown
 from usbench.guide import GUIDED, Examination, Opened
 from usbench.guide_agents import ORACLE, Known
 from usbench.guide_training import QuickTraining

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from usbench import drawing, state_map
 from usbench.envs import oracle
-from usbench.envs.guidance import Task
+from usbench.envs.task import Task
 
 Floats = npt.NDArray[np.float64]
 

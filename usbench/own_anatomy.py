@@ -9,9 +9,9 @@ from typing import Any
 
 from usbench.arguments import number, setting
 from usbench.envs.anatomy import Anatomy, Echogenicity, Recording
-from usbench.envs.guidance import COORDINATES, unknown
 from usbench.envs.placement import Placement
 from usbench.envs.pose import Pose
+from usbench.envs.task import COORDINATES, unknown
 from usbench.records import VOLUME, ConfigurationError
 
 KINDS: Mapping[str, type[Anatomy]] = MappingProxyType({"simulated": Echogenicity, "recorded": Recording})

@@ -11,7 +11,7 @@ from matplotlib.patches import Rectangle
 
 from usbench import drawing, models, state_map, suite
 from usbench.envs import oracle
-from usbench.envs.guidance import Task
+from usbench.envs.task import Task
 
 Actions = npt.NDArray[np.int64]
 Floats = npt.NDArray[np.float64]

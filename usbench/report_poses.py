@@ -8,7 +8,8 @@ import numpy.typing as npt
 
 from usbench import look_alikes, report_pictures, state_map, suite
 from usbench.envs.frames import frame_store
-from usbench.envs.guidance import GuidanceEnv, Task
+from usbench.envs.guidance import GuidanceEnv
+from usbench.envs.task import Task
 from usbench.report_pictures import Picture
 
 PAIRS = 6

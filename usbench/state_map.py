@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
 
-from usbench.envs.guidance import Task
+from usbench.envs.task import Task
 
 _LABELS = {
     "focal_depth_mm": "focal depth (mm)",
