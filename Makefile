@@ -19,8 +19,9 @@ $(STAMP): pyproject.toml constraints.txt
 run: $(STAMP)  ## train the paper's agent on the probe-plane task and show what it learnt
 	$(BIN)/usbench run --algo vpg --task pp
 
+# A process per core, so a thread per process: with more they wait for each other.
 test: $(STAMP)  ## run the tests (without the slow ones)
-	$(BIN)/python -m pytest -m "not slow and not faults" -n auto --dist worksteal
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m "not slow and not faults" -n auto --dist worksteal
 
 slow: $(STAMP)  ## run the slow tests (learning, timing)
 	$(BIN)/python -m pytest -m slow

@@ -113,7 +113,7 @@ def simulate_iq(
     iq = np.zeros((len(lines), n_samples), dtype=np.complex64)
     if len(points):
         # Generous steps, so that different scenes share a table.
-        u_limit = 40e-3 * math.ceil(u_max / 40e-3 - 1e-9)
+        u_limit = 20e-3 * math.ceil(u_max / 20e-3 - 1e-9)
         z_limit = 90e-3 * math.ceil(reach[2] / 90e-3 - 1e-9)
         y_limit = 5e-3 * max(1, math.ceil(reach[1] / 5e-3 - 1e-9))
         farthest = math.hypot(u_limit + array.n_active * array.pitch, z_limit)

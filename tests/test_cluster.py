@@ -12,18 +12,16 @@ from pathlib import Path
 
 import psutil
 import pytest
-import torch
 
-from usbench import cli, cluster, models, records, runner, sweep
+from usbench import cli, cluster, records, runner, sweep
 from usbench.cluster import Cluster
 from usbench.records import ConfigurationError
 
 sys.path.insert(0, str(Path(__file__).parent))  # so that workers find `sweep_worker`
 import sweep_worker
+import trials
 
 distributed = pytest.importorskip("distributed")
-# When and for how long is all that may differ.
-OWN = ("started", "timings")
 
 
 class Notes:
@@ -86,48 +84,18 @@ def refusal(address):
     return text
 
 
-def bits(out):
-    """Record files, states but for what is a run's own, and weights."""
-    found = {}
-    for folder in records.trial_folders(out):
-        state = records.read_state(folder)
-        assert state["status"] == "finished"
-        found[folder.name] = {
-            "state": {key: value for key, value in state.items() if key not in OWN},
-            **{path.name: path.read_bytes() for path in folder.glob("*.jsonl")},
-            "weights": _weights(folder),
-        }
-    return found
-
-
-def _weights(folder):
-    agent = models.load_agent(folder).agent
-    if not isinstance(getattr(agent, "policy", None), torch.nn.Module):
-        return None
-    return {name: tensor.numpy().tobytes() for name, tensor in agent.policy.state_dict().items()}
-
-
-def test_same_bits_alone_in_a_pool_and_on_a_cluster(quick, tmp_path, two):
-    configs = plan("vpg", "dqn", "random")
+def test_same_bits_alone_and_on_a_cluster(often, tmp_path, two, undisturbed):
+    configs = [trials.config("vpg"), trials.config("dqn")]
+    outcomes = run(configs, tmp_path, two)
+    assert {outcome.config.algo: outcome.reason for outcome in outcomes} == {"vpg": None, "dqn": None}
     for config in configs:
-        runner.run_trial(config, tmp_path / "alone")
-    pool = functools.partial(sweep.processes, sweep_worker.quick)
-    sweep.run(configs, tmp_path / "pool", Notes(), jobs=2, executor=pool)
-    outcomes = run(configs, tmp_path / "cluster", two)
-    assert {outcome.config.algo: outcome.reason for outcome in outcomes} == dict.fromkeys(
-        ("vpg", "dqn", "random")
-    )
-    alone = bits(tmp_path / "alone")
-    assert len(alone) == 3
-    assert bits(tmp_path / "pool") == alone
-    assert bits(tmp_path / "cluster") == alone
-    folder = configs[0].folder_name
-    names = [{path.name for path in (tmp_path / place / folder).iterdir()} for place in ("alone", "cluster")]
-    assert names[0] == names[1]
+        alone, there = undisturbed(config.algo), tmp_path / config.folder_name
+        assert trials.bits(there) == trials.bits(alone)
+        assert {path.name for path in there.iterdir()} == {path.name for path in alone.iterdir()}
     # What is finished is skipped, as at home.
-    before = contents(tmp_path / "cluster", "*/*.json")
-    run(configs, tmp_path / "cluster", two)
-    assert contents(tmp_path / "cluster", "*/*.json") == before
+    before = contents(tmp_path, "*/*.json")
+    run(configs, tmp_path, two)
+    assert contents(tmp_path, "*/*.json") == before
 
 
 def test_failed_trial_is_named_and_comes_back_too(quick, tmp_path, two):

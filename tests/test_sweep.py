@@ -17,6 +17,7 @@ from usbench import records, runner, sweep
 
 sys.path.insert(0, str(Path(__file__).parent))  # so that worker processes find `sweep_worker`
 import sweep_worker
+import trials
 
 
 class Notes:
@@ -107,17 +108,21 @@ def test_expected_time_comes_from_finished_trials_of_the_same_algorithm(quick, t
     assert sweep._expected_seconds(configs[1:], tmp_path, 2) == pytest.approx(2 * seconds / 2)
 
 
-def test_worker_that_dies_takes_only_its_trial_with_it(quick, tmp_path, monkeypatch):
+def test_worker_that_dies_takes_only_its_trial_with_it(often, tmp_path, monkeypatch, undisturbed):
     monkeypatch.setattr(sweep, "RETRIES", 1)
     notes = Notes()
     executor = functools.partial(sweep.processes, sweep_worker.dying)
-    outcomes = run(plan("stay", "random"), tmp_path, executor, jobs=2, notes=notes)
+    configs = [*plan("stay"), trials.config("vpg"), trials.config("dqn")]
+    outcomes = run(configs, tmp_path, executor, jobs=2, notes=notes)
     assert {outcome.config.algo: outcome.reason for outcome in outcomes} == {
         "stay": "its process died 2 times (killed, or out of memory)",
-        "random": None,
+        "vpg": None,
+        "dqn": None,
     }
     assert notes.again == ["stay"]
     assert not multiprocessing.active_children()
+    for config in configs[1:]:
+        assert trials.bits(tmp_path / config.folder_name) == trials.bits(undisturbed(config.algo))
 
 
 def test_interrupted_sweep_keeps_the_state_of_its_trials(quick, tmp_path):
