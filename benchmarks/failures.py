@@ -1,7 +1,7 @@
-"""Where agents fail: poses that look alike, and how episodes end: `make failures`.
+"""Where agents fail: poses that look alike, how episodes end, what a single frame costs: `make failures`.
 
-Prints both tables for docs/failures.md and draws its figure. Look-alikes come from the frames of the default
-phantom, the ends of episodes from the records of a folder of trials.
+Prints the tables for docs/failures.md and draws its figures. Look-alikes come from the frames of the default
+phantom, all else from the records in folders of trials.
 """
 
 import argparse
@@ -12,8 +12,10 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
-from usbench import drawing, failures, look_alikes, records, suite
+from usbench import drawing, failures, look_alikes, records, results, suite
 from usbench.envs.frames import frame_store
+
+NOT_DRAWN = ("random", "stay")
 
 
 def frames(task: str) -> np.ndarray:
@@ -22,6 +24,14 @@ def frames(task: str) -> np.ndarray:
     store = frame_store(env.phantom, env.probe, env.imaging)
     store.prepare(env.task.states)
     return np.stack([store.frame(pose) for pose in env.task.states])
+
+
+def collected(runs: list[Path]) -> results.Results:
+    """Return the results of several folders together."""
+    parts = [results.collect(folder) for folder in runs]
+    return results.Results(
+        pd.concat([part.trials for part in parts]), pd.concat([part.curves for part in parts])
+    )
 
 
 def printed(rows: pd.DataFrame, title: str) -> Table:
@@ -36,8 +46,10 @@ def main() -> None:
     """Print the tables; draw the figure where asked to."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=Path, default=Path("runs"), help="folder of trials (default runs)")
+    parser.add_argument("--frames", type=Path, help="folder of trials with other numbers of frames")
     parser.add_argument("--pairs", type=int, default=8, help="look-alikes per task (default 8)")
     parser.add_argument("--figure", type=Path, help="also draw the look-alikes here (PNG, SVG or PDF)")
+    parser.add_argument("--ends", type=Path, help="also draw how episodes end here")
     args = parser.parse_args()
     known = {suite.TASKS[task].guidance: frames(task) for task in suite.PAPER}
     console = Console(width=110)
@@ -47,9 +59,15 @@ def main() -> None:
         console.print(printed(pairs, f"{task.title}: look-alikes that need different actions"))
     if args.figure:
         drawing.save(look_alikes.draw(known), args.figure)
-    if args.runs.is_dir() and not (evaluations := records.load(args.runs)).empty:
-        finished = evaluations[evaluations["status"] == "finished"]
-        console.print(printed(failures.shares(finished), "How episodes end, greedy actions, as shares"))
+    if not args.runs.is_dir() or (evaluations := records.load(args.runs)).empty:
+        return
+    ends = failures.shares(evaluations[evaluations["status"] == "finished"])
+    console.print(printed(ends, "How episodes end, greedy actions, as shares"))
+    if args.ends:
+        drawing.save(failures.draw(ends[~ends["algo"].isin(NOT_DRAWN)]), args.ends)
+    if args.frames:
+        rows = failures.by_frames(collected([args.runs, args.frames]))
+        console.print(printed(rows, "Scores by the frames of an observation"))
 
 
 if __name__ == "__main__":

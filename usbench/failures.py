@@ -1,10 +1,25 @@
 """In what ways evaluation episodes go wrong, from records alone: the paper's two failure modes and others."""
 
+import json
+
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 
-from usbench import suite
+from usbench import drawing, suite
 from usbench.envs.oracle import PAPER_TARGET
+from usbench.results import DRAWN, GREEDY, Results
+
+KINDS = ("success", "beside", "too_deep", "too_shallow", "out_of_plane", "long_way")
+# Light to dark, and told apart in grey.
+_LOOKS = (
+    {"color": "#ffffff"},
+    {"color": "#56b4e9"},
+    {"color": "#d55e00", "hatch": "////"},
+    {"color": "#0072b2"},
+    {"color": "#cc79a7", "hatch": "...."},
+    {"color": "#000000"},
+)
 
 
 def shares(evaluations: pd.DataFrame) -> pd.DataFrame:
@@ -35,11 +50,54 @@ def shares(evaluations: pd.DataFrame) -> pd.DataFrame:
         "out_of_plane": pd.Series(~in_plane, rows.index).where(turns),
         "long_way": (in_plane & (turned.abs() > 90)).where(turns),
     }
-    rows = rows.assign(**{name: kind.astype(float) for name, kind in kinds.items()})
+    rows = rows.assign(**{name: kinds[name].astype(float) for name in KINDS})
     groups = rows.groupby(["task", "noise", "algo"])
-    result = groups[list(kinds)].mean()
+    result = groups[list(KINDS)].mean()
     result.insert(0, "seeds", groups["seed"].nunique())
     return result.reset_index()
+
+
+def draw(ends: pd.DataFrame) -> Figure:
+    """Draw what `shares` returns: a panel for each task and noise, a group of bars for each agent."""
+    tasks, noises = sorted(set(ends["task"])), sorted(set(ends["noise"]))
+    figure, axes = drawing.panels(len(tasks), len(noises), height=2.1, sharex="row", sharey=True)
+    handles = {}
+    for row, task in zip(axes, tasks, strict=True):
+        own = ends[ends["task"] == task]
+        agents = sorted(set(own["algo"]))
+        kinds = [kind for kind in KINDS if own[kind].notna().any()]
+        width = 0.85 / len(kinds)
+        for axis, noise in zip(row, noises, strict=True):
+            table = own[own["noise"] == noise].set_index("algo").reindex(agents)
+            for number, kind in enumerate(kinds):
+                at = np.arange(len(agents)) + (number - (len(kinds) - 1) / 2) * width
+                look = _LOOKS[KINDS.index(kind)]
+                handles[kind] = axis.bar(at, table[kind], width, edgecolor="black", linewidth=0.6, **look)
+            axis.set_xticks(range(len(agents)), agents, fontsize=8)
+            axis.set_title(f"{task}, noise {noise:g}", fontsize=9)
+        row[0].set_ylabel("share of episodes", fontsize=9)
+    names = [kind for kind in KINDS if kind in handles]
+    drawing.legend(figure, [handles[kind] for kind in names], [kind.replace("_", " ") for kind in names])
+    return figure
+
+
+def by_frames(results: Results) -> pd.DataFrame:
+    """Return the final scores of algorithms that were trained on observations of several numbers of frames.
+
+    Returns:
+        A row per (task, noise, algo, n_frames): `seeds`, and the mean normalised score over them with
+        `greedy` and with `drawn` actions. Algorithms with one number of frames in a cell have none.
+    """
+    n_frames = results.trials["settings"].map(lambda text: json.loads(text)["n_frames"])
+    trials = results.trials.assign(n_frames=n_frames)[results.trials["steps"] > 0]
+    several = trials.groupby(["task", "noise", "algo"])["n_frames"].transform("nunique") > 1
+    keys = ["task", "noise", "algo", "n_frames"]
+    last = results.curves[results.curves["kind"].isin((GREEDY, DRAWN))].groupby(["trial", "kind"]).tail(1)
+    final = trials.loc[several, ["trial", "seed", *keys]].merge(last, on="trial")
+    table = final.pivot_table(index=keys, columns="kind", values="normalized_score")
+    table = table.reindex(columns=[GREEDY, DRAWN])
+    table.insert(0, "seeds", final.groupby(keys)["seed"].nunique())
+    return table.rename_axis(columns=None).reset_index()
 
 
 def _moves(coordinate: str) -> dict[str, bool]:

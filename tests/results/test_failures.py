@@ -1,11 +1,13 @@
 """How episodes end, told from records worked out by hand."""
 
+import json
 import math
 
 import pandas as pd
 import pytest
 
 from usbench import failures
+from usbench.results import DRAWN, GREEDY, Results
 
 
 def episode(task, x_mm, depth_mm, start_deg, angle_deg, **others):
@@ -58,3 +60,47 @@ def test_only_greedy_episodes_after_the_last_step_count_and_seeds_are_counted():
     ]
     (row,) = failures.shares(pd.DataFrame(rows)).to_dict("records")
     assert (row["seeds"], row["success"], row["beside"], row["out_of_plane"]) == (2, 0.5, 0.0, 0.5)
+
+
+def test_figure_has_a_panel_for_each_cell_and_bars_as_high_as_the_shares():
+    ends = failures.shares(
+        pd.DataFrame(
+            [
+                episode("fp", 0, 50, 0, 0),
+                episode("fp", 0, 55, 0, 0),
+                episode("fp", 5, 90, 0, 0, noise=0.5),
+                episode("pp", 0, 50, 45, 0),
+            ]
+        )
+    )
+    figure = failures.draw(ends)
+    panels = {axis.get_title(): axis for axis in figure.axes}
+    assert {"fp, noise 0", "fp, noise 0.5", "pp, noise 0"} <= set(panels)
+    heights = [bar.get_height() for bar in panels["fp, noise 0"].patches]
+    assert heights == [0.5, 0.0, 0.5, 0.0]  # success, beside, too deep, too shallow
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()][-2:] == ["out of plane", "long way"]
+
+
+def trained(algo, n_frames, seed, score):
+    """The row of a trial and those of its last evaluation, drawn actions a tenth worse."""
+    trial = f"{algo}-{n_frames}-{seed}"
+    settings = json.dumps({"n_frames": n_frames})
+    cell = {"task": "pp", "noise": 0.0, "algo": algo}
+    row = {"trial": trial, "seed": seed, "steps": 64, "settings": settings} | cell
+    ends = [
+        {"trial": trial, "kind": kind, "step": step, "normalized_score": value}
+        for kind, value in ((GREEDY, score), (DRAWN, score - 0.1))
+        for step, value in ((0, 0.0), (64, value))
+    ]
+    return row, ends
+
+
+def test_scores_by_frames_are_means_over_seeds_where_there_are_several_numbers():
+    agents = ("vpg", 1, 0, 0.4), ("vpg", 1, 1, 0.6), ("vpg", 4, 0, 0.9), ("dqn", 4, 0, 1.0)
+    trials, ends = zip(*(trained(*agent) for agent in agents), strict=True)
+    curves = pd.DataFrame([row for own in ends for row in own])
+    table = failures.by_frames(Results(pd.DataFrame(trials), curves))
+    assert table[["algo", "n_frames", "seeds"]].to_numpy().tolist() == [["vpg", 1, 2], ["vpg", 4, 1]]
+    assert table["greedy"].tolist() == pytest.approx([0.5, 0.9])
+    assert table["drawn"].tolist() == pytest.approx([0.4, 0.8])
