@@ -8,18 +8,20 @@ from matplotlib.figure import Figure
 
 from usbench import drawing, suite
 from usbench.envs.oracle import PAPER_TARGET
+from usbench.envs.pose import sin_deg
 from usbench.results import DRAWN, GREEDY, Results
 
-KINDS = ("success", "beside", "too_deep", "too_shallow", "out_of_plane", "long_way")
-# Light to dark, and told apart in grey.
-_LOOKS = (
-    {"color": "#ffffff"},
-    {"color": "#56b4e9"},
-    {"color": "#d55e00", "hatch": "////"},
-    {"color": "#0072b2"},
-    {"color": "#cc79a7", "hatch": "...."},
-    {"color": "#000000"},
-)
+KINDS = ("success", "beside", "too_deep", "too_shallow", "out_of_plane", "one_turn_off", "long_way")
+# Those that are drawn, and told apart in grey.
+_LOOKS = {
+    "success": {"color": "#ffffff"},
+    "beside": {"color": "#56b4e9"},
+    "too_deep": {"color": "#d55e00", "hatch": "////"},
+    "too_shallow": {"color": "#0072b2"},
+    "out_of_plane": {"color": "#cc79a7", "hatch": "...."},
+    "long_way": {"color": "#000000"},
+}
+_TURN_DEG = 15  # of one action
 
 
 def shares(evaluations: pd.DataFrame) -> pd.DataFrame:
@@ -32,7 +34,8 @@ def shares(evaluations: pd.DataFrame) -> pd.DataFrame:
         A row per (task, noise, algo), with the columns `seeds`, `success`, `beside` (the final position is
         not over the object) and, for tasks that move the focus, `too_deep` and `too_shallow` (the final
         focus), for those that turn the probe, `out_of_plane` (the final angle is not the object's, nor half a
-        turn from it) and `long_way` (in plane, but turned there by more than a right angle). An episode may
+        turn from it), `one_turn_off` (and one action would have put it in plane) and `long_way` (in plane,
+        but turned there by more than a right angle). An episode may
         count in several, or be NaN where a task has none.
     """
     last = evaluations["checkpoint"] == evaluations.groupby("trial")["checkpoint"].transform("max")
@@ -40,6 +43,7 @@ def shares(evaluations: pd.DataFrame) -> pd.DataFrame:
     focuses, turns = (rows["task"].map(_moves(name)) for name in ("focal_depth_mm", "angle_deg"))
     x_mm, depth_mm = (_target(rows, name) for name in ("x_mm", "focal_depth_mm"))
     in_plane = np.isclose(rows["final_sin_angle"], 0.0)
+    one_off = np.isclose(rows["final_sin_angle"].abs(), sin_deg(_TURN_DEG))
     turned = (rows["final_angle_deg"] - rows["start_angle_deg"] + 180) % 360 - 180
     depth = rows["final_focal_depth_mm"]
     kinds = {
@@ -48,6 +52,7 @@ def shares(evaluations: pd.DataFrame) -> pd.DataFrame:
         "too_deep": (depth > depth_mm).where(focuses),
         "too_shallow": (depth < depth_mm).where(focuses),
         "out_of_plane": pd.Series(~in_plane, rows.index).where(turns),
+        "one_turn_off": pd.Series(one_off, rows.index).where(turns),
         "long_way": (in_plane & (turned.abs() > 90)).where(turns),
     }
     rows = rows.assign(**{name: kinds[name].astype(float) for name in KINDS})
@@ -65,18 +70,18 @@ def draw(ends: pd.DataFrame) -> Figure:
     for row, task in zip(axes, tasks, strict=True):
         own = ends[ends["task"] == task]
         agents = sorted(set(own["algo"]))
-        kinds = [kind for kind in KINDS if own[kind].notna().any()]
+        kinds = [kind for kind in _LOOKS if own[kind].notna().any()]
         width = 0.85 / len(kinds)
         for axis, noise in zip(row, noises, strict=True):
             table = own[own["noise"] == noise].set_index("algo").reindex(agents)
             for number, kind in enumerate(kinds):
                 at = np.arange(len(agents)) + (number - (len(kinds) - 1) / 2) * width
-                look = _LOOKS[KINDS.index(kind)]
-                handles[kind] = axis.bar(at, table[kind], width, edgecolor="black", linewidth=0.6, **look)
+                look = {"edgecolor": "black", "linewidth": 0.6} | _LOOKS[kind]
+                handles[kind] = axis.bar(at, table[kind], width, **look)
             axis.set_xticks(range(len(agents)), agents, fontsize=8)
             axis.set_title(f"{task}, noise {noise:g}", fontsize=9)
         row[0].set_ylabel("share of episodes", fontsize=9)
-    names = [kind for kind in KINDS if kind in handles]
+    names = [kind for kind in _LOOKS if kind in handles]
     drawing.legend(figure, [handles[kind] for kind in names], [kind.replace("_", " ") for kind in names])
     return figure
 

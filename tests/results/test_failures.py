@@ -42,12 +42,21 @@ def test_focal_point_episodes_end_at_beside_above_or_below_the_object():
 @pytest.mark.parametrize(
     ("start_deg", "angle_deg", "long_way"),
     # A right angle is as far one way as the other.
-    [(45, 0, False), (75, 180, True), (90, 180, False), (90, 0, False), (60, 165, False), (45, 345, False)],
+    [
+        (45, 0, False),
+        (75, 180, True),
+        (90, 180, False),
+        (90, 0, False),
+        (60, 165, False),
+        (45, 345, False),
+        (45, 30, False),
+    ],
 )
 def test_the_long_way_ends_in_plane_after_more_than_a_right_angle(start_deg, angle_deg, long_way):
     (row,) = failures.shares(pd.DataFrame([episode("pp", 0, 50, start_deg, angle_deg)])).to_dict("records")
     assert row["long_way"] == float(long_way)
     assert row["out_of_plane"] == float(angle_deg % 180 != 0)
+    assert row["one_turn_off"] == float(angle_deg in (165, 345))
     assert math.isnan(row["too_deep"])
 
 
