@@ -1,10 +1,11 @@
 """The search: defaults first, the same candidates after a kill, a table that says what was tried."""
 
+import dataclasses
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from usbench import comparison, records, runner, search
+from usbench import comparison, records, runner, search, suite
 from usbench.agents import zoo
 from usbench.agents.hyperparameters import check
 from usbench.agents.search_space import SPACES, Choice, Log
@@ -41,13 +42,14 @@ def settings(steps=32, **changes):
     return search.resolve(values.pop("algo", "a2c"), values.pop("tasks", ["pp"]), **values)
 
 
-def run(out, n_candidates, progress=None, **changes):
+def run(out, n_candidates, progress=None, n_finalists=0, **changes):
     executor = {"executor": lambda: ThreadPoolExecutor(1)}
-    return search.run(settings(**changes), n_candidates, out, progress or Quiet(), **executor)
+    return search.run(settings(**changes), n_candidates, out, progress or Quiet(), n_finalists, **executor)
 
 
-def rows(path):
-    lines = [line.strip("| ").split(" | ") for line in path.read_text().splitlines() if line.startswith("|")]
+def rows(path, part=0):
+    text = path.read_text().split("\n## ")[part]
+    lines = [line.strip("| ").split(" | ") for line in text.splitlines() if line.startswith("|")]
     return [dict(zip(lines[0], line, strict=True)) for line in lines[2:]]
 
 
@@ -97,6 +99,25 @@ def test_search_that_was_stopped_ends_as_one_that_was_not(quick, tmp_path):
     again = run(tmp_path / "stopped", 4)
     assert again.read_bytes() == whole.read_bytes()
     assert len(rows(again)) == 4
+
+
+def test_finalists_are_the_best_and_are_judged_on_both_tasks_with_other_seeds(quick, tmp_path, monkeypatch):
+    short = {name: dataclasses.replace(suite.TASKS[name], steps=48) for name in suite.PAPER}
+    monkeypatch.setattr(suite, "TASKS", {**suite.TASKS, **short})
+    before = run(tmp_path, 3).read_text()
+    with pytest.raises(KeyboardInterrupt):
+        run(tmp_path, 3, Stopping(3), n_finalists=2)
+    path = run(tmp_path, 3, n_finalists=2)
+    assert path.read_text().startswith(before)
+    table, finals = rows(path), rows(path, 1)
+    assert {row["candidate"] for row in finals} == {row["candidate"] for row in table[:2]}
+    assert float(finals[0]["score"]) >= float(finals[1]["score"])
+    for row in finals:
+        assert float(row["score"]) == pytest.approx((float(row["fp"]) + float(row["pp"])) / 2, abs=2e-3)
+    trials = records.load(path.parent)
+    again = trials[trials["seed"] >= search.FINAL_SEED]
+    assert set(again["seed"]) == {1100, 1101} and set(again["task"]) == {"fp", "pp"}
+    assert again["checkpoint"].max() == 48
 
 
 def test_failed_candidate_is_in_the_table(quick, tmp_path, monkeypatch):

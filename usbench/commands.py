@@ -118,8 +118,9 @@ def search(args: argparse.Namespace) -> None:
     jobs = n_threads() if args.jobs is None else comparison.positive("jobs", args.jobs)
     settings = search.resolve(args.algo, args.tasks, noise=args.noise, seeds=args.seeds, steps=args.steps)
     n_candidates = comparison.positive("candidates", args.candidates)
+    n_finalists = 0 if args.finalists is None else comparison.positive("finalists", args.finalists)
     with sweep_console.SweepBars(args.quiet) as bars:
-        print(search.run(settings, n_candidates, args.out, bars, jobs=jobs))
+        print(search.run(settings, n_candidates, args.out, bars, n_finalists, jobs=jobs))
 
 
 def frame(args: argparse.Namespace) -> None:

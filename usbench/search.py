@@ -4,12 +4,12 @@ A search that is killed and started again ends with the same table: what was beg
 what was trained in the trials' records, and the candidates of a batch follow from those before it.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from usbench import records, runner, sweep
+from usbench import records, runner, suite, sweep
 from usbench.agents.hyperparameters import unknown
 from usbench.agents.search_space import SPACES, Choice, Log
 from usbench.agents.zoo import hyperparameters
@@ -17,8 +17,9 @@ from usbench.atomic import atomic_file
 from usbench.comparison import positive
 from usbench.records import ConfigurationError, TrialConfig
 
-# Comparisons count their seeds from 0.
-FIRST_SEED = 1000
+# Comparisons count their seeds from 0. Finalists have others than those that chose them.
+FIRST_SEED, FINAL_SEED = 1000, 1100
+FINAL_SEEDS = 2
 # Candidates at a time, whatever the number of cores: they must not depend on it.
 BATCH = 4
 
@@ -32,6 +33,13 @@ class Settings:
     noise: float
     seeds: int
     steps: int
+    first_seed: int = FIRST_SEED
+
+    @property
+    def finals(self) -> "Settings":
+        """What finalists are judged by: the paper's tasks with their whole budget, and more seeds."""
+        steps = suite.TASKS[suite.PAPER[0]].steps
+        return replace(self, tasks=suite.PAPER, seeds=FINAL_SEEDS, steps=steps, first_seed=FINAL_SEED)
 
     @property
     def folder_name(self) -> str:
@@ -42,7 +50,12 @@ class Settings:
         """Return the trials of the candidate `params`."""
         return [
             runner.resolve(
-                self.algo, task, noise=self.noise, seed=FIRST_SEED + seed, steps=self.steps, overrides=params
+                self.algo,
+                task,
+                noise=self.noise,
+                seed=self.first_seed + seed,
+                steps=self.steps,
+                overrides=params,
             )
             for seed in range(self.seeds)
             for task in self.tasks
@@ -66,10 +79,17 @@ def resolve(algo: str, tasks: Sequence[str], *, noise: Any, seeds: Any, steps: A
     return Settings(algo, names, configs[0].noise, positive("seeds", seeds), configs[0].steps)
 
 
-def run(settings: Settings, n_candidates: int, out: Path, progress: sweep.Progress, **kwargs: Any) -> Path:
-    """Try candidates until there are `n_candidates`; return the path of the table.
+def run(
+    settings: Settings,
+    n_candidates: int,
+    out: Path,
+    progress: sweep.Progress,
+    n_finalists: int = 0,
+    **kwargs: Any,
+) -> Path:
+    """Try candidates until there are `n_candidates`, then the best `n_finalists` again by `settings.finals`.
 
-    `kwargs` go to the sweep. The first candidate is the algorithm's defaults.
+    Returns the path of the table. `kwargs` go to the sweep. The first candidate is the algorithm's defaults.
 
     Raises:
         ConfigurationError: If Optuna is not installed or `out` cannot be written.
@@ -78,18 +98,34 @@ def run(settings: Settings, n_candidates: int, out: Path, progress: sweep.Progre
     folder = out / settings.folder_name
     study = _study(settings, out)
     while batch := _batch(study, settings, n_candidates):
-        configs = {trial.number: settings.trials(trial.params) for trial in batch}
-        outcomes = sweep.run([one for each in configs.values() for one in each], folder, progress, **kwargs)
-        failed = {outcome.config.folder_name for outcome in outcomes if outcome.reason is not None}
-        for number, trials in configs.items():
-            if any(config.folder_name in failed for config in trials):
-                study.tell(number, state=_state("FAIL"))
-            else:
-                study.tell(number, sum(_score(config, folder) for config in trials) / len(trials))
+        for number, score in _judged(batch, settings, folder, progress, **kwargs).items():
+            study.tell(number, score, state=_state("FAIL" if score is None else "COMPLETE"))
+    ended = study.get_trials(deepcopy=False, states=(_state("COMPLETE"), _state("FAIL")))
+    ended.sort(key=lambda trial: (trial.value is None, -(trial.value or 0.0)))
+    scores = {trial.number: trial.value for trial in ended}
+    text = f"# Search for `{settings.algo}`\n\n" + _table(ended, scores, settings, folder)
+    if n_finalists:
+        finalists = [trial for trial in ended if trial.value is not None][:n_finalists]
+        scores = _judged(finalists, settings.finals, folder, progress, **kwargs)
+        finalists.sort(key=lambda trial: (scores[trial.number] is None, -(scores[trial.number] or 0.0)))
+        text += "\n## The best of them again\n\n" + _table(finalists, scores, settings.finals, folder)
     path = folder / "search.md"
     with atomic_file(path) as file:
-        file.write(_table(study, settings, folder).encode())
+        file.write(text.encode())
     return path
+
+
+def _judged(
+    candidates: Sequence[Any], settings: Settings, folder: Path, progress: sweep.Progress, **kwargs: Any
+) -> dict[int, float | None]:
+    """Run what is missing of the candidates' trials; return their scores by number, None where one failed."""
+    trials = {candidate.number: settings.trials(candidate.params) for candidate in candidates}
+    outcomes = sweep.run([one for each in trials.values() for one in each], folder, progress, **kwargs)
+    failed = {outcome.config.folder_name for outcome in outcomes if outcome.reason is not None}
+    return {
+        number: None if any(config.folder_name in failed for config in own) else _mean(own, folder)
+        for number, own in trials.items()
+    }
 
 
 def _study(settings: Settings, out: Path) -> Any:
@@ -149,31 +185,33 @@ def _state(name: str) -> Any:
     return TrialState[name]
 
 
-def _score(config: TrialConfig, folder: Path) -> float:
+def _mean(configs: Sequence[TrialConfig], folder: Path) -> float:
     """Return the mean normalised score with greedy actions after the last step, as the leaderboard does."""
-    rows = records.load(folder / config.folder_name)
-    last = rows[rows["deterministic"] & (rows["checkpoint"] == config.steps)]
-    return float(last["normalized_score"].mean())
+    scores = []
+    for config in configs:
+        rows = records.load(folder / config.folder_name)
+        last = rows[rows["deterministic"] & (rows["checkpoint"] == config.steps)]
+        scores.append(float(last["normalized_score"].mean()))
+    return sum(scores) / len(scores)
 
 
-def _table(study: Any, settings: Settings, folder: Path) -> str:
-    """Return the candidates as Markdown, best first."""
+def _table(
+    candidates: Sequence[Any], scores: Mapping[int, float | None], settings: Settings, folder: Path
+) -> str:
+    """Return the candidates, in this order, as Markdown."""
     rows = []
-    for trial in study.get_trials(deepcopy=False, states=(_state("COMPLETE"), _state("FAIL"))):
-        configs = settings.trials(trial.params)
-        row = {"candidate": trial.number, "score": trial.value}
-        for task in settings.tasks if trial.value is not None else ():
-            own = [_score(config, folder) for config in configs if config.task == task]
-            row[task] = sum(own) / len(own)
-        rows.append(row | trial.params)
-    rows.sort(key=lambda row: (row["score"] is None, -(row["score"] or 0.0)))
+    for candidate in candidates:
+        configs, score = settings.trials(candidate.params), scores[candidate.number]
+        row = {"candidate": candidate.number, "score": score}
+        for task in settings.tasks if score is not None else ():
+            row[task] = _mean([config for config in configs if config.task == task], folder)
+        rows.append(row | candidate.params)
     columns = ["candidate", "score", *settings.tasks, *SPACES[settings.algo]]
     lines = [columns, ["---"] * len(columns)]
     lines += [[_text(row.get(name)) for name in columns] for row in rows]
-    last = FIRST_SEED + settings.seeds - 1
-    seeds = f"seed {FIRST_SEED}" if settings.seeds == 1 else f"seeds {FIRST_SEED} to {last}"
+    first, last = settings.first_seed, settings.first_seed + settings.seeds - 1
+    seeds = f"seed {first}" if first == last else f"seeds {first} to {last}"
     return (
-        f"# Search for `{settings.algo}`\n\n"
         f"{len(rows)} candidates on {' and '.join(settings.tasks)}, noise {settings.noise:g}, "
         f"{settings.steps} steps, {seeds} (no comparison uses them). The score is the mean over tasks and "
         "seeds of the normalised score with greedy actions after the last step. Candidate 0 has the "

@@ -31,6 +31,8 @@ writes the leaderboard of what there is so far.
 SEARCH_EXAMPLES = """examples:
   usbench search --algo ppo
   usbench search --algo dqn --tasks pp --noise 0 --steps 8032 --candidates 10 --jobs 8
+  usbench search --algo ppo --tasks pp --steps 8192 --candidates 8 --finalists 3
+      many candidates on little, then the best three on both of the paper's tasks, two seeds, the whole budget
 
 The same command goes on where it was stopped. Seeds begin at 1000, where no comparison has any.
 """
@@ -193,6 +195,12 @@ def _add_search(subparsers: Any, debug: argparse.ArgumentParser) -> None:
     )
     search.add_argument(
         "--candidates", type=number, default=20, metavar="N", help="candidates in all (default 20)"
+    )
+    search.add_argument(
+        "--finalists",
+        type=number,
+        metavar="N",
+        help="train so many of the best again, on the paper's tasks with other seeds (default none)",
     )
     _add_sweep(search)
     search.set_defaults(call=commands.search)
