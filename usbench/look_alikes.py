@@ -1,4 +1,4 @@
-"""Poses that look alike and need different actions: where an agent that sees one frame must err."""
+"""Poses that look alike and need different actions: where an agent that sees one frame may err."""
 
 import numpy as np
 import numpy.typing as npt
