@@ -35,8 +35,8 @@ def shares(evaluations: pd.DataFrame) -> pd.DataFrame:
         not over the object) and, for tasks that move the focus, `too_deep` and `too_shallow` (the final
         focus), for those that turn the probe, `out_of_plane` (the final angle is not the object's, nor half a
         turn from it), `one_turn_off` (and one action would have put it in plane) and `long_way` (in plane,
-        but turned there by more than a right angle). An episode may
-        count in several, or be NaN where a task has none.
+        but turned there by more than a right angle). An episode may count in several, or be NaN where a task
+        has none.
     """
     last = evaluations["checkpoint"] == evaluations.groupby("trial")["checkpoint"].transform("max")
     rows = evaluations[last & evaluations["deterministic"]].copy()
