@@ -101,18 +101,23 @@ def run(
         for number, score in _judged(batch, settings, folder, progress, **kwargs).items():
             study.tell(number, score, state=_state("FAIL" if score is None else "COMPLETE"))
     ended = study.get_trials(deepcopy=False, states=(_state("COMPLETE"), _state("FAIL")))
-    ended.sort(key=lambda trial: (trial.value is None, -(trial.value or 0.0)))
     scores = {trial.number: trial.value for trial in ended}
+    ended = _best_first(ended, scores)
     text = f"# Search for `{settings.algo}`\n\n" + _table(ended, scores, settings, folder)
     if n_finalists:
         finalists = [trial for trial in ended if trial.value is not None][:n_finalists]
         scores = _judged(finalists, settings.finals, folder, progress, **kwargs)
-        finalists.sort(key=lambda trial: (scores[trial.number] is None, -(scores[trial.number] or 0.0)))
+        finalists = _best_first(finalists, scores)
         text += "\n## The best of them again\n\n" + _table(finalists, scores, settings.finals, folder)
     path = folder / "search.md"
     with atomic_file(path) as file:
         file.write(text.encode())
     return path
+
+
+def _best_first(candidates: Sequence[Any], scores: Mapping[int, float | None]) -> list[Any]:
+    """Return the candidates by their scores, those that failed at the end."""
+    return sorted(candidates, key=lambda one: (scores[one.number] is None, -(scores[one.number] or 0.0)))
 
 
 def _judged(
