@@ -22,13 +22,14 @@ from usbench.envs.frames import FrameStore, frame_store
 from usbench.envs.imaging_setup import IMAGING_SETUP, PHANTOM, contrast_to_noise, regions
 from usbench.envs.pose import Pose
 from usbench.envs.probe import LinearArray
+from usbench.envs.settings import Setup
 
 KNOBS = {
     "focal_depth_mm": ("focal depth", "mm", 1),
     "frequency_khz": ("centre frequency", "MHz", 1_000),
     "dynamic_range_db": ("dynamic range", "dB", 1),
 }
-Quality = Mapping[Pose, tuple[float, float]]
+Quality = Mapping[Setup, tuple[float, float]]
 
 
 def generalized(frame: npt.NDArray[np.uint8]) -> float:
@@ -42,17 +43,17 @@ def generalized(frame: npt.NDArray[np.uint8]) -> float:
 def measure(store: FrameStore) -> Quality:
     """Return the contrast-to-noise ratio and the generalized one of every setting."""
     masks = regions(PHANTOM, Pose(), Imaging())
-    frames = {pose: store.frame(pose) for pose in IMAGING_SETUP.states}
+    frames = {pose: store.frame(pose) for pose in IMAGING_SETUP.states if isinstance(pose, Setup)}
     return {pose: (contrast_to_noise(frame, *masks), generalized(frame)) for pose, frame in frames.items()}
 
 
-def along(best: Pose, knob: str) -> list[Pose]:
+def along(best: Setup, knob: str) -> list[Setup]:
     """Return the settings that differ from `best` in one knob at most, in its order."""
     values = sorted({getattr(pose, knob) for pose in IMAGING_SETUP.states})
     return [replace(best, **{knob: value}) for value in values]
 
 
-def tables(quality: Quality, best: Pose) -> list[Table]:
+def tables(quality: Quality, best: Setup) -> list[Table]:
     """Return a table for each knob, and that of the best setting for each frequency."""
     made = []
     for knob, (name, unit, scale) in KNOBS.items():
@@ -64,7 +65,7 @@ def tables(quality: Quality, best: Pose) -> list[Table]:
     table = Table("frequency", "best focus", "best range", "contrast-to-noise ratio", title="each frequency")
     for pose in along(best, "frequency_khz"):
         one = max(
-            (other for other in quality if other.frequency_khz == pose.frequency_khz),  # type: ignore[attr-defined]
+            (other for other in quality if other.frequency_khz == pose.frequency_khz),
             key=lambda other: quality[other][0],
         )
         cells = [
@@ -72,11 +73,11 @@ def tables(quality: Quality, best: Pose) -> list[Table]:
             for knob, (_, unit, scale) in KNOBS.items()
             if knob != "frequency_khz"
         ]
-        table.add_row(f"{pose.frequency_khz / 1e3:g} MHz", *cells, f"{quality[one][0]:.2f}")  # type: ignore[attr-defined]
+        table.add_row(f"{pose.frequency_khz / 1e3:g} MHz", *cells, f"{quality[one][0]:.2f}")
     return [*made, table]
 
 
-def figure(store: FrameStore, quality: Quality, best: Pose) -> Figure:
+def figure(store: FrameStore, quality: Quality, best: Setup) -> Figure:
     """Return for each knob its ends and the best setting as frames, and the quality over it."""
     drawn = Figure(figsize=(10.5, 9.6), dpi=110, layout="constrained")
     axes = drawn.subplots(len(KNOBS), 4, width_ratios=(1, 1, 1, 2.2), squeeze=False)
