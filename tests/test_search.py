@@ -5,7 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from usbench import comparison, records, runner, search, suite
+from usbench import comparison, records, runner, search, suite, sweep, sweep_console
 from usbench.agents import zoo
 from usbench.agents.hyperparameters import check
 from usbench.agents.search_space import SPACES, Choice, Log
@@ -89,6 +89,15 @@ def test_search_tries_the_defaults_first_and_ranks_what_it_tried(quick, tmp_path
     greedy = trials[trials["deterministic"] & (trials["checkpoint"] == 32)]
     best = greedy.groupby("trial")["normalized_score"].mean().max()
     assert scores[0] == pytest.approx(best, abs=5e-3)
+
+
+def test_every_batch_is_counted_from_one(capsys):
+    with sweep_console.SweepBars() as bars:
+        for _ in range(2):
+            bars.started(1, 0, None)
+            bars.ended(sweep.Outcome(runner.resolve("a2c", "pp", steps=32), None))
+    counts = [line.split()[0] for line in capsys.readouterr().err.splitlines() if line.startswith("[")]
+    assert counts == ["[1/1]", "[1/1]"]
 
 
 def test_search_that_was_stopped_ends_as_one_that_was_not(quick, tmp_path):

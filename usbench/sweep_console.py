@@ -60,7 +60,7 @@ class SweepBars:
 
     def started(self, n_missing: int, n_finished: int, expected_s: float | None) -> None:
         """So many trials are to be run and so many are finished."""
-        self._missing = n_missing
+        self._missing, self._ended = n_missing, 0
         self._task = self._bar.add_task("trials", total=n_missing)
         told = f"{n_missing} trials to run, {n_finished} finished already"
         if n_missing:
