@@ -40,7 +40,8 @@ class PhantomDistribution:
 
     def phantom(self, seed: int) -> Phantom:
         """Return the phantom of `seed`, from which all of it follows: object, place and speckle."""
-        rng = np.random.default_rng(seed)
+        # Another stream than that of the speckle, which the seed alone begins.
+        rng = np.random.default_rng([seed, 1])
         x_mm, depth_mm, angle_deg = (
             int(rng.choice(values)) for values in (self.x_mm, self.depth_mm, self.angle_deg)
         )

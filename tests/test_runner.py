@@ -9,6 +9,7 @@ import torch
 from PIL import Image
 
 from usbench import records, replay, runner, suite, training
+from usbench.agents import zoo
 from usbench.agents.vpg import VPG
 from usbench.evaluation import Evaluator
 from usbench.journal import read_rows
@@ -115,6 +116,23 @@ def test_evaluation_leaves_every_generator_as_it_was(quick):
     assert torch.equal(before[0], torch.get_rng_state())
     assert np.array_equal(before[1], np.random.get_state()[1])
     assert model.action_space.np_random.bit_generator.state == state
+
+
+@pytest.mark.parametrize("algo", ["dqn", "qrdqn"])
+def test_value_based_agents_explore_in_each_episode_by_itself(quick, algo):
+    env = suite.make_env("pp")
+    agent = zoo.make(algo, env, 0, {**zoo.hyperparameters(algo, "pp"), "buffer_size": 100})
+    evaluator = Evaluator("pp", 0.0, 4)
+
+    def first_actions(deterministic):
+        played = evaluator.play(agent, checkpoint=0, step=0, deterministic=deterministic)
+        return np.array([episode.actions[0] for episode in played])
+
+    greedy = first_actions(True)
+    for rate, least, most in ((0.0, 0, 0), (0.5, 1, len(greedy) - 1), (1.0, 1, len(greedy))):
+        agent.exploration_rate = rate
+        assert least <= (first_actions(False) != greedy).sum() <= most
+    assert (first_actions(False) == first_actions(False)).all()
 
 
 @pytest.mark.parametrize(("steps", "episodes"), [(10, 0), (100, 6), (STEPS, 8)])

@@ -10,6 +10,7 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 import torch
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 from usbench import suite
 from usbench.envs.anatomy import Anatomy
@@ -147,9 +148,7 @@ class Evaluator:
         # The batch stays whole: what is advised for an episode that its agent has ended is not done.
         while len(self._facts) < len(self._envs):
             seen = [{**info, "step": step} for info in infos] if sees_state else np.stack(observations)
-            actions, state = agent.predict(
-                seen, state=state, episode_start=first, deterministic=deterministic
-            )
+            actions, state = _act(agent, seen, state, first, deterministic)
             for k, env in enumerate(self._envs):
                 if k in self._facts:
                     continue
@@ -161,6 +160,26 @@ class Evaluator:
         """Close the environments."""
         for env in self._envs:
             env.close()
+
+
+def _act(
+    agent: Agent, seen: Any, state: Any, first: npt.NDArray[np.bool_], deterministic: bool
+) -> tuple[npt.NDArray[Any], Any]:
+    """Return an action for each episode and the next hidden state.
+
+    SB3's value-based agents toss one coin for a whole batch, to explore in all of it or nowhere: here each
+    episode has its own.
+    """
+    explores = (
+        not deterministic and isinstance(agent, OffPolicyAlgorithm) and hasattr(agent, "exploration_rate")
+    )
+    actions, state = agent.predict(
+        seen, state=state, episode_start=first, deterministic=deterministic or explores
+    )
+    if explores:
+        for k in np.flatnonzero(np.random.rand(len(actions)) < agent.exploration_rate):
+            actions[k] = agent.action_space.sample()
+    return actions, state
 
 
 @contextlib.contextmanager

@@ -6,6 +6,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from scipy import stats
 
 from usbench.envs import random_phantoms
 from usbench.envs.phantom import Phantom
@@ -44,6 +45,17 @@ def test_objects_take_every_place_evenly_and_stay_within_bounds(env_class):
     assert contrasts.min() >= 5 and contrasts.max() <= 20
     # Even in the logarithm: as many below the geometric mean as above.
     assert abs((contrasts < 10).mean() - 0.5) < 4.5 * 0.5 / np.sqrt(len(objects))
+
+
+@pytest.mark.parametrize("env_class", ENVS)
+def test_object_and_tissue_are_drawn_apart(env_class):
+    phantoms = [env_class.distribution.phantom(seed) for seed in range(60)]
+    objects = [phantom.object_of_interest for phantom in phantoms]
+    drawn = [[ooi.x_mm, ooi.depth_mm, ooi.scale, ooi.contrast] for ooi in objects]
+    tissue = [phantom.positions[:4].ravel() for phantom in phantoms]
+    table = stats.spearmanr(np.hstack([np.array(drawn), tissue])).statistic
+    # 4.5 standard deviations: drawn from one stream, some agree in all 60.
+    assert np.nanmax(np.abs(table[:4, 4:])) < 4.5 / np.sqrt(60)
 
 
 @pytest.mark.parametrize("env_class", ENVS)
