@@ -85,6 +85,11 @@ def test_comparison_from_end_to_end_and_the_same_bytes_once_more(here, capsys):
     assert cli.main(["compare", *GRID]) == 0
     assert "0 trials to run, 5 finished already" in capsys.readouterr().err
     assert contents(here) == before
+    # From all trials of the folder, which are those of this comparison.
+    shutil.rmtree("leaderboard_files")
+    assert cli.main(["leaderboard", "--runs", "runs"]) == 0
+    assert contents(here) == before
+    capsys.readouterr()
     # From the tables alone, without the trials.
     shutil.rmtree("runs")
     for path in made:

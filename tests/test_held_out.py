@@ -41,6 +41,12 @@ def test_only_trials_that_were_tested_have_a_row():
     assert row["algo"] == "vpg" and np.isnan(row["many"]) and np.isnan(row["gap"])
 
 
+def test_both_scores_of_an_agent_are_over_the_trials_that_were_tested():
+    known = tables(*seeds("vpg", [0.9, 0.9, 0.1, 0.1], task="pp"))
+    (row,) = held_out.table(known, rows_of(0.8, 0.8)).to_dict("records")
+    assert (row["seen"], row["seen_seeds"], row["one"]) == (pytest.approx(0.9), 2, pytest.approx(0.8))
+
+
 def test_the_leaderboard_has_the_track_only_with_tests(tmp_path):
     folder = leaderboard.files(tmp_path / "leaderboard.md")
     results.write(KNOWN, folder)

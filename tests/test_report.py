@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import pytest
 from PIL import Image
 
-from usbench import cli, records, report, report_pictures, report_text
+from usbench import cli, records, report, report_text
 from usbench.envs import guidance
 from usbench.records import ConfigurationError
 
@@ -52,8 +52,7 @@ def runs(finished, monkeypatch):
 @pytest.fixture
 def without_figures(monkeypatch):
     """Leave out what takes most of the time, where it is not what is looked at."""
-    nothing = dict.fromkeys(report_pictures.COMPARISON, lambda known: None)
-    monkeypatch.setattr(report_pictures, "COMPARISON", nothing)
+    monkeypatch.setattr("usbench.figures.draw", lambda known: {})
     monkeypatch.setattr("usbench.report_poses.overview", lambda known: None)
 
 

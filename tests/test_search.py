@@ -157,11 +157,18 @@ def test_search_and_comparison_share_no_seed():
         ({"noise": 2}, "noise.*2"),
         ({"seeds": 0}, "seeds.*0"),
         ({"steps": -1}, "steps.*-1"),
+        ({"tasks": ["pp-random"]}, "must not choose hyperparameters: search on pp"),
     ],
 )
 def test_unusable_settings_are_refused(changes, said):
     with pytest.raises(records.ConfigurationError, match=said):
         settings(**changes)
+
+
+def test_finalists_of_a_search_on_other_tasks_are_refused(tmp_path):
+    with pytest.raises(records.ConfigurationError, match="no final of a search on exam"):
+        run(tmp_path, 1, n_finalists=1, tasks=["exam"])
+    assert not list(tmp_path.iterdir())
 
 
 def test_folder_that_cannot_be_written_is_refused(tmp_path):

@@ -87,10 +87,12 @@ def _run_missing(args: argparse.Namespace, planned: list[TrialConfig], jobs: int
 
 
 def leaderboard(args: argparse.Namespace) -> None:
-    """Write a leaderboard and its figures again from the tables beside it."""
-    from usbench import figures, leaderboard, results
+    """Write a leaderboard and its figures again, from the tables beside it or from all trials of a folder."""
+    from usbench import comparison, figures, leaderboard, results
 
     folder = leaderboard.files(args.leaderboard)
+    if args.runs is not None:
+        results.write(results.collect(args.runs), comparison.prepare(args.leaderboard))
     known = results.read(folder)
     for path in [*leaderboard.write(folder, args.leaderboard), *figures.write(known, folder)]:
         print(path)

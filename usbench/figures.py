@@ -27,20 +27,24 @@ def write(known: Results, folder: Path, formats: Sequence[str] = ("png",)) -> li
         ValueError: If a format is not one of `drawing.FORMATS`.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    drawn = {
-        "scores": final_scores(known),
-        "learning_curves": learning_curves(known),
-        "performance_profiles": performance_profiles(known),
-        "improvement": improvement(known),
-        "figure4": paper_figures.figure4(known),
-        "figure5": paper_figures.figure5(known),
-    }
     return [
         drawing.save(figure, folder / f"{name}.{kind}")
-        for name, figure in drawn.items()
+        for name, figure in draw(known).items()
         if figure is not None
         for kind in formats
     ]
+
+
+def draw(known: Results) -> dict[str, Figure | None]:
+    """Return every figure by its name, None where there are no results for one."""
+    drawn = {}
+    for part, own in scores.parts(known).items():
+        prefix = "other_" if part == scores.OTHERS else ""
+        drawn[f"{prefix}scores"] = final_scores(own)
+        drawn[f"{prefix}learning_curves"] = learning_curves(own)
+        drawn[f"{prefix}performance_profiles"] = performance_profiles(own)
+        drawn[f"{prefix}improvement"] = improvement(own)
+    return drawn | {"figure4": paper_figures.figure4(known), "figure5": paper_figures.figure5(known)}
 
 
 def final_scores(known: Results) -> Figure | None:
@@ -109,6 +113,7 @@ def performance_profiles(known: Results) -> Figure | None:
     if not matrices:
         return None
     style = drawing.styles(matrices)
+    cells = ", ".join(sorted(set(known.trials["task"])))
     figure, axes = drawing.panels(1, 1, width=6.5, height=3.6)
     axis = axes[0, 0]
     lowest, highest = min(m.min() for m in matrices.values()), max(m.max() for m in matrices.values())
@@ -124,7 +129,7 @@ def performance_profiles(known: Results) -> Figure | None:
         axis.fill_between(thresholds, profile.low, profile.high, color=look["color"], alpha=0.12, linewidth=0)
     axis.set_xlabel(f"threshold of the {SCORE}")
     axis.set_ylabel("share of trials above it")
-    axis.set_title("Performance profiles over all cells, 95 % bootstrap band", fontsize=10)
+    axis.set_title(f"Performance profiles over {cells}, 95 % bootstrap band", fontsize=10)
     drawing.legend(figure, *axis.get_legend_handles_labels())
     return figure
 

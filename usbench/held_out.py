@@ -61,7 +61,7 @@ def table(known: Results, tested: pd.DataFrame) -> pd.DataFrame:
     own = known.trials[known.trials["steps"] > 0].merge(last[["trial", "normalized_score"]], on="trial")
     elsewhere = candidates(known).drop(columns="task").merge(tested, on="trial")
     parts = {
-        "seen": own[own["task"].isin(MANY)].assign(task=lambda rows: rows["task"].map(MANY)),
+        "seen": own[own["trial"].isin(elsewhere["trial"])].assign(task=lambda rows: rows["task"].map(MANY)),
         "one": elsewhere,
         "many": own[own["task"].isin(MANY.values())],
     }

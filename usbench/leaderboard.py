@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from usbench import answer, held_out, provenance, results, scores, stats
@@ -26,12 +27,14 @@ COLUMNS = (
 READING = """\
 The normalised score is (return - random) / (optimal - random), with exact anchors: 0 is a random hand, 1
 the optimum. It is the interquartile mean (IQM) over seeds after the last training step, with the 95 %
-stratified bootstrap interval; such intervals are too narrow with fewer than ten seeds. Every agent takes
-its most probable action ("greedy"): value-based agents have no other policy of their own, and advice should
-be the best there is. The score with drawn actions stands beside it (there, value-based agents explore).
-Other columns are means over seeds and evaluation episodes. The plane error is counted modulo 180 degrees;
-success means that the last pose is the goal; an episode that never reaches the goal counts with all its
-steps in "steps to goal". The area under the learning curve is the mean score over training, by the
+stratified bootstrap interval; such intervals are too narrow with fewer than ten seeds. All agents meet the
+same evaluation episodes with the same draws of noise, and the intervals are for these: the optimum is that
+of all draws, and the row of the oracle says what it reaches in them. Every agent takes its most probable
+action ("greedy"): value-based agents have no other policy of their own, and advice should be the best there
+is. The score with drawn actions stands beside it, where there are probabilities to draw with. Other columns
+are means over seeds and evaluation episodes. The plane error is counted modulo 180 degrees; success means
+that the last pose is the goal; an episode that never reaches the goal counts with all the steps it could
+have had in "steps to goal". The area under the learning curve is the mean score over training, by the
 trapezoid rule."""
 
 
@@ -59,13 +62,16 @@ def write(folder: Path, path: Path) -> list[Path]:
 
 def markdown(known: Results, tested: pd.DataFrame | None = None) -> str:
     """Return the leaderboard as Markdown; `tested` is what `held_out.read` returns."""
-    matrices, reasons = scores.matrices(known)
-    parts = ["# Leaderboard", answer.text(known), READING]
-    if matrices:
-        parts += ["## All cells together", _overall(known.trials, matrices)]
-    learners = scores.learners(known)
-    if len(learners) > 1:
-        parts += ["## Probability of improvement", _improvement(learners)]
+    parts, notes = ["# Leaderboard", answer.text(known), READING], []
+    for name, own in scores.parts(known).items():
+        matrices, reasons = scores.matrices(own)
+        learners = scores.learners(own)
+        if matrices:
+            parts += [f"## {name[0].upper()}{name[1:]} together", _overall(known.trials, matrices)]
+        if len(learners) > 1:
+            where = "" if name == scores.ALL else f": {name}"
+            parts += [f"## Probability of improvement{where}", _improvement(learners)]
+        notes += [f"`{algo}` is not in the table of {name}: {why}." for algo, why in sorted(reasons.items())]
     for (task, noise), rows in scores.cells(known).groupby(CELL):
         anchors = known.trials[(known.trials["task"] == task) & (known.trials["noise"] == noise)]
         parts += [f"## {cell_name(task, noise)}", _anchors(anchors), _cell(rows)]
@@ -73,7 +79,6 @@ def markdown(known: Results, tested: pd.DataFrame | None = None) -> str:
     if not unseen.empty:
         parts += ["## Phantoms never seen", _unseen(unseen)]
     parts += ["## How this was made", provenance.making(known.trials)]
-    notes = [f"`{algo}` is not in the table of all cells: {reason}." for algo, reason in reasons.items()]
     notes += provenance.notes(known.trials)
     if notes:
         parts += ["## Notes", "\n".join(f"* {note}" for note in notes)]
@@ -83,11 +88,9 @@ def markdown(known: Results, tested: pd.DataFrame | None = None) -> str:
 def _overall(trials: pd.DataFrame, matrices: Mapping[str, stats.Array]) -> str:
     """Return the table of all cells together: those that learn first, then floor and ceiling, best first."""
     table = scores.overall(matrices)
-    by_algo = trials.groupby("algo")
-    table = table.assign(
-        fixed=table["algo"].map(by_algo["steps"].max()) == 0,
-        asked=table["algo"].map(by_algo["seed"].nunique()),
-    ).sort_values("fixed", kind="stable")
+    fixed = table["algo"].map(trials.groupby("algo")["steps"].max()) == 0
+    asked = np.where(fixed, table["seeds"], scores.seeds_asked(trials))
+    table = table.assign(fixed=fixed, asked=asked).sort_values("fixed", kind="stable")
     rows = [
         [
             _agent(row.algo, not row.fixed),
@@ -128,6 +131,8 @@ def _anchors(trials: pd.DataFrame) -> str:
     known = trials.dropna(subset=["optimal", "random", "stay"])
     if known.empty:
         return "No trial has begun."
+    if len(known[["optimal", "random", "stay"]].drop_duplicates()) > 1:
+        return "The trials are from different environments: each has exact returns of its own."
     first = known.iloc[0]
     stay = (first["stay"] - first["random"]) / (first["optimal"] - first["random"])
     return (

@@ -1,10 +1,12 @@
 """How results were made, from the rows of trials: command, versions, time, and what a reader has to know."""
 
 import json
+from collections import defaultdict
 
 import pandas as pd
 
-from usbench.scores import CELL, cell_name
+from usbench.scores import CELL, cell_name, environments
+from usbench.tasks import ROWS
 
 NAMED = 3
 STATUS_WORDS = {
@@ -19,7 +21,10 @@ def making(trials: pd.DataFrame) -> str:
     """Return the command, how many trials are finished, the hours and the versions, as Markdown."""
     finished = trials[trials["status"] == "finished"]
     hours, training = (finished[key].sum() / 3600 for key in ("total_s", "training_s"))
-    parts = [f"```\n{command(trials)}\n```"] if command(trials) else []
+    lines = commands(trials)
+    if len(lines) > 1:
+        lines.append("usbench leaderboard --runs runs")
+    parts = ["\n".join(["```", *lines, "```"])] if lines else []
     parts.append(
         f"{len(finished)} of {len(trials)} trials are finished. One after another they took {hours:.2f} "
         f"hours on one core, {training:.2f} of them training."
@@ -29,24 +34,33 @@ def making(trials: pd.DataFrame) -> str:
     return "\n\n".join(parts)
 
 
-def command(trials: pd.DataFrame) -> str:
-    """Return the command that makes these trials, empty where no single one does.
+def commands(trials: pd.DataFrame) -> list[str]:
+    """Return the comparisons that make these trials, none where they are not whole comparisons.
 
     Agents that do not learn are in every comparison without being named.
     """
     learning = trials[trials["steps"] > 0]
-    seeds = sorted(set(learning["seed"]))
-    algos = sorted(set(learning["algo"]))
-    tasks, noises = sorted(set(trials["task"])), sorted(set(trials["noise"]))
-    full = len(trials.drop_duplicates([*CELL, "algo", "seed"])) == len(trials)
-    whole = len(learning) == len(algos) * len(tasks) * len(noises) * len(seeds)
-    if not (full and whole) or seeds != list(range(len(seeds))) or learning["steps"].nunique() != 1:
-        return ""
-    levels = " ".join(f"{noise:g}" for noise in noises)
-    return (
-        f"usbench compare --algos {' '.join(algos)} --tasks {' '.join(tasks)} --noise {levels} "
-        f"--seeds {len(seeds)} --steps {learning['steps'].iloc[0]}"
-    )
+    if trials.duplicated([*CELL, "algo", "seed"]).any():
+        return []
+    tasks_of: dict[tuple[str, str], list[str]] = defaultdict(list)
+    for (algo, task), own in learning.groupby(["algo", "task"]):
+        seeds, noises, steps = (sorted(set(own[name])) for name in ("seed", "noise", "steps"))
+        if seeds != list(range(len(seeds))) or len(own) != len(seeds) * len(noises) * len(steps):
+            return []
+        options = f"--noise {' '.join(f'{noise:g}' for noise in noises)} --seeds {len(seeds)}"
+        if steps != [ROWS[task].steps]:
+            options += f" --steps {steps[0]}"
+        tasks_of[algo, options].append(task)
+    algos_of: dict[tuple[str, str], list[str]] = defaultdict(list)
+    for (algo, options), tasks in tasks_of.items():
+        algos_of[" ".join(tasks), options].append(algo)
+    covered = set(learning[CELL].itertuples(index=False, name=None))
+    if covered != set(trials[CELL].itertuples(index=False, name=None)):
+        return []
+    return [
+        f"usbench compare --algos {' '.join(algos)} --tasks {tasks} {options}"
+        for (tasks, options), algos in algos_of.items()
+    ]
 
 
 def notes(trials: pd.DataFrame) -> list[str]:
@@ -55,6 +69,7 @@ def notes(trials: pd.DataFrame) -> list[str]:
     return [
         *_unfinished(trials),
         *_configurations(trials),
+        *_environments(trials),
         *_budgets(trials),
         *_seeds(trials),
         *_versions(finished),
@@ -98,11 +113,26 @@ def _configurations(trials: pd.DataFrame) -> list[str]:
 
 
 def _budgets(trials: pd.DataFrame) -> list[str]:
-    budgets = trials[trials["steps"] > 0].groupby("steps")["algo"].unique()
-    if len(budgets) < 2:
-        return []
-    each = [f"{steps} steps for {', '.join(sorted(algos))}" for steps, algos in budgets.items()]
-    return [f"Training budgets differ: {'; '.join(each)}."]
+    found = []
+    for task, own in trials[trials["steps"] > 0].groupby("task"):
+        budgets = own.groupby("steps")["algo"].unique()
+        if len(budgets) > 1:
+            each = [f"{steps} steps for {', '.join(sorted(algos))}" for steps, algos in budgets.items()]
+            found.append(f"Training budgets on {task} differ: {'; '.join(each)}.")
+    return found
+
+
+def _environments(trials: pd.DataFrame) -> list[str]:
+    found = []
+    for (task, noise), own in trials.assign(environment=environments(trials)).groupby(CELL):
+        agents = own.groupby("environment")["algo"].unique()
+        if len(agents) > 1:
+            each = [f"{', '.join(sorted(algos))} in {digest}" for digest, algos in agents.items()]
+            found.append(
+                f"Trials on {cell_name(task, noise)} are from different environments (their digests): "
+                f"{'; '.join(each)}. Their scores cannot be compared."
+            )
+    return found
 
 
 def _seeds(trials: pd.DataFrame) -> list[str]:
@@ -133,9 +163,8 @@ def _versions(finished: pd.DataFrame) -> list[str]:
 
 
 def _frames(finished: pd.DataFrame) -> list[str]:
-    environments = finished["settings"].map(lambda text: json.loads(text)["environment"])
     found = []
-    for (task, _), rows in finished.groupby(["task", environments]):
+    for (task, _), rows in finished.groupby(["task", environments(finished)]):
         frames = rows.set_index("trial")["frames"].replace("", "not recorded")
         if frames.nunique() > 1:
             found.append(f"Frames of {task} differ between trials (their digests): {_counted(frames)}.")

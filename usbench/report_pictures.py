@@ -2,7 +2,7 @@
 
 import base64
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -13,7 +13,7 @@ import numpy.typing as npt
 from matplotlib.figure import Figure
 from PIL import Image
 
-from usbench import drawing, figures, paper_figures
+from usbench import drawing, figures
 from usbench.results import Results
 
 # Bytes; a figure of more lines than this is smaller as pixels.
@@ -22,14 +22,6 @@ CSS_PIXELS_PER_INCH = 96
 # Of WebP, with few whole pictures in a film: a third of the size of a GIF and no worse to look at.
 QUALITY = 40
 FEW_KEYS = {"kmin": 30, "kmax": 60}
-COMPARISON: dict[str, Callable[[Results], Figure | None]] = {
-    "scores": figures.final_scores,
-    "learning_curves": figures.learning_curves,
-    "performance_profiles": figures.performance_profiles,
-    "improvement": figures.improvement,
-    "figure4": paper_figures.figure4,
-    "figure5": paper_figures.figure5,
-}
 
 
 @dataclass(frozen=True)
@@ -43,8 +35,7 @@ class Picture:
 
 def comparison(known: Results) -> dict[str, Picture | None]:
     """Return the figures of a comparison by name, None where there are no results for one."""
-    drawn = {name: draw(known) for name, draw in COMPARISON.items()}
-    return {name: from_figure(figure) if figure else None for name, figure in drawn.items()}
+    return {name: figure and from_figure(figure) for name, figure in figures.draw(known).items()}
 
 
 def from_figure(figure: Figure) -> Picture:

@@ -39,7 +39,9 @@ def endings(runs: Path, known: Results) -> list[Table]:
     finished = known.trials.loc[known.trials["status"] == "finished", "trial"]
     if finished.empty:
         return []
-    shares = failures.shares(pd.concat([_last(records.load(runs / trial)) for trial in finished]))
+    ends = pd.concat([_last(records.load(runs / trial)) for trial in finished])
+    agents = scores.agents(known.trials).set_index("trial")["agent"]
+    shares = failures.shares(ends.assign(algo=ends["trial"].map(agents)))
     tables = []
     for task, rows in shares.groupby("task"):
         kinds = [kind for kind in ENDINGS if rows[kind].notna().any()]
@@ -76,9 +78,8 @@ def settings(known: Results) -> Table:
 
 def environments(runs: Path, known: Results) -> list[Table]:
     """Return phantom, probe and imaging, a table for each configuration of the environment."""
-    digests = known.trials["settings"].map(lambda text: json.loads(text)["environment"])
     tables = []
-    for (task, _), own in known.trials.groupby(["task", digests]):
+    for (task, _), own in known.trials.groupby(["task", scores.environments(known.trials)]):
         state = records.read_state(runs / own["trial"].iloc[0])
         values = state.get("config", {}).get("environment", {})
         title = f"{suite.TASKS[str(task)].guidance.title}: environment (SI units where a name says no other)"

@@ -10,8 +10,8 @@ from usbench import leaderboard
 from usbench.results import Results
 
 CAPTIONS = {
-    "All cells together": "All tasks and noises together: normalised scores, without unit",
-    "Probability of improvement": "Probability that the agent of a row beats that of a column",
+    "together": "normalised scores, without unit",
+    "Probability of improvement": "probability that the agent of a row beats that of a column",
 }
 _HEADING = re.compile(r"^## (.+)$", re.MULTILINE)
 # Nothing that could lead out of the page: names and reasons in records may be a stranger's.
@@ -22,9 +22,13 @@ def sections(known: Results) -> dict[str, Markup]:
     """Return the parts of the leaderboard by their headings, in its order."""
     _, *parts = _HEADING.split(leaderboard.markdown(known))
     return {
-        title: html(text, caption=CAPTIONS.get(title, f"{title}: scores and returns have no unit"))
+        title: html(text, caption=f"{title}: {_unit(title)}")
         for title, text in zip(parts[::2], parts[1::2], strict=True)
     }
+
+
+def _unit(title: str) -> str:
+    return next((text for part, text in CAPTIONS.items() if part in title), "scores and returns have no unit")
 
 
 def html(markdown: str, caption: str = "") -> Markup:

@@ -2,7 +2,8 @@
 
 `trials.csv` has one row per trial, finished or not. `curves.csv` has the means over episodes of the finished
 ones, one row per kind of episode and training step: evaluations at every checkpoint, with drawn and with
-greedy (most probable) actions, and training in fiftieths of the budget. Both open with `pandas.read_csv`.
+greedy (most probable) actions, and training in fiftieths of the budget. `trained` is how many steps the agent
+had learned from by then: whole rollouts. Both open with `pandas.read_csv`.
 """
 
 import hashlib
@@ -18,6 +19,7 @@ import pandas as pd
 from usbench import records
 from usbench.atomic import atomic_file
 from usbench.records import TrialConfig
+from usbench.tasks import ROWS
 
 TRIALS, CURVES = "trials.csv", "curves.csv"
 TRAINING, DRAWN, GREEDY = "training", "drawn", "greedy"
@@ -58,6 +60,7 @@ CURVE_COLUMNS: Mapping[str, type] = {
     "trial": str,
     "kind": str,
     "step": int,
+    "trained": int,
     "episodes": int,
     **dict.fromkeys(MEANS, float),
 }
@@ -97,8 +100,8 @@ def collect(runs: Path, planned: Collection[TrialConfig] = ()) -> Results:
     if not twice.empty:
         raise ValueError(f"{' and '.join(twice['trial'].head(2))} are the same trial: remove one of them.")
     trials = trials.sort_values(["task", "noise", "algo", "configuration", "seed"], ignore_index=True)
-    finished = trials.loc[trials["status"] == "finished", ["trial", "steps"]]
-    curves = [_curves(runs, trial, steps) for trial, steps in finished.itertuples(index=False)]
+    finished = trials.loc[trials["status"] == "finished", ["trial", "task", "steps"]]
+    curves = [_curves(runs, *row) for row in finished.itertuples(index=False, name=None)]
     return Results(
         _typed(trials, TRIAL_COLUMNS),
         _typed(pd.concat(curves) if curves else pd.DataFrame(columns=list(CURVE_COLUMNS)), CURVE_COLUMNS),
@@ -176,7 +179,7 @@ def _digest(value: Mapping[str, Any]) -> str:
     return hashlib.sha256(canonical.encode()).hexdigest()[:8]
 
 
-def _curves(runs: Path, trial: str, steps: int) -> pd.DataFrame:
+def _curves(runs: Path, trial: str, task: str, steps: int) -> pd.DataFrame:
     """Return the rows of a finished trial: every kind of episode, every step.
 
     Raises:
@@ -186,25 +189,26 @@ def _curves(runs: Path, trial: str, steps: int) -> pd.DataFrame:
     if evaluations.empty or evaluations["checkpoint"].max() != steps:
         raise ValueError(f"{trial} is finished, but its evaluation at step {steps} is missing.")
     kinds = evaluations["deterministic"].map({False: DRAWN, True: GREEDY})
-    lengths = evaluations["actions"].str.len()
-    parts = [_means(evaluations, kinds, evaluations["checkpoint"], lengths)]
+    longest = ROWS[task].n_steps
+    parts = [_means(evaluations, kinds, evaluations["checkpoint"], evaluations["step"], longest)]
     episodes = records.load(runs / trial, "episodes")
     if not episodes.empty:
         part = -(-episodes["step"] * TRAINING_PARTS // steps)
-        lengths = episodes["step"].diff().fillna(episodes["step"])
-        kinds = pd.Series(TRAINING, index=episodes.index)
-        parts.append(_means(episodes, kinds, part * steps // TRAINING_PARTS, lengths))
+        kinds, step = pd.Series(TRAINING, index=episodes.index), part * steps // TRAINING_PARTS
+        parts.append(_means(episodes, kinds, step, step, longest))
     curves = pd.concat(parts, ignore_index=True)
     curves.insert(0, "trial", trial)
     return curves.sort_values(["kind", "step"])
 
 
-def _means(episodes: pd.DataFrame, kind: pd.Series, step: pd.Series, length: pd.Series) -> pd.DataFrame:
+def _means(
+    episodes: pd.DataFrame, kind: pd.Series, step: pd.Series, trained: pd.Series, longest: int
+) -> pd.DataFrame:
     """Return the means over episodes of one kind and step.
 
-    An episode that never reaches the goal counts with its whole length in `steps_to_goal`: a mean over those
-    that did would praise an agent that rarely does. The object looks the same from both sides, so that the
-    angle is counted modulo 180 degrees.
+    An episode that never reaches the goal counts with the `longest` there is in `steps_to_goal`: a mean over
+    those that did would praise an agent that rarely does, and one that stops at once. The object looks the
+    same from both sides, so that the angle is counted modulo 180 degrees.
     """
     sine = episodes["final_sin_angle"].abs()
     to_goal = episodes["steps_to_goal"].astype(float)
@@ -212,6 +216,7 @@ def _means(episodes: pd.DataFrame, kind: pd.Series, step: pd.Series, length: pd.
         {
             "kind": kind,
             "step": step,
+            "trained": trained,
             "return": episodes["return"],
             "normalized_score": episodes["normalized_score"],
             "final_distance_mm": episodes["final_distance_mm"],
@@ -219,7 +224,7 @@ def _means(episodes: pd.DataFrame, kind: pd.Series, step: pd.Series, length: pd.
             "plane_error_deg": np.degrees(np.arcsin(sine)),
             "success_rate": episodes["is_success"].astype(float),
             "reached_rate": to_goal.notna().astype(float),
-            "steps_to_goal": to_goal.fillna(length.astype(float)),
+            "steps_to_goal": to_goal.fillna(longest),
         }
     )
     groups = values.groupby(["kind", "step"])

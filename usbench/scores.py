@@ -5,21 +5,46 @@ for every algorithm: a value-based one has no other policy of its own (its drawn
 whoever is guided gets the best advice. Unfinished trials are counted, never averaged in.
 """
 
+import json
 from collections.abc import Mapping
-from itertools import permutations
+from itertools import combinations
 
 import numpy as np
 import pandas as pd
 
 from usbench import stats
 from usbench.results import DRAWN, GREEDY, MEANS, TRAINING, Results
+from usbench.tasks import PAPER
 
 SCORED = GREEDY
 CELL = ["task", "noise"]
 ROW = [*CELL, "algo", "configuration"]
+# What cells are averaged over together.
+ALL, PAPERS, OTHERS = "all cells", "the paper's tasks", "the other tasks"
 # Every interval draws from a fresh generator: a row does not change when another one is added.
 BOOTSTRAP_SEED = 20_190_002
 _NO_SCORE = dict.fromkeys(("score", "score_low", "score_high"), np.nan)
+
+
+def parts(results: Results) -> dict[str, Results]:
+    """Return the results that are averaged together: all, or the paper's tasks and the others apart.
+
+    Apart where agents learned on both: the paper's question is about its own, and the tasks beside them need
+    not have every algorithm and noise.
+    """
+    learning = results.trials["steps"] > 0
+    papers = results.trials["task"].isin(PAPER)
+    if not (learning & papers).any() or not (learning & ~papers).any():
+        return {ALL: results}
+    return {
+        name: Results(own, results.curves[results.curves["trial"].isin(own["trial"])])
+        for name, own in ((PAPERS, results.trials[papers]), (OTHERS, results.trials[~papers]))
+    }
+
+
+def environments(trials: pd.DataFrame) -> pd.Series:
+    """Return the digest of each trial's environment."""
+    return trials["settings"].map(lambda text: json.loads(text).get("environment", ""))
 
 
 def cells(results: Results) -> pd.DataFrame:
@@ -28,15 +53,17 @@ def cells(results: Results) -> pd.DataFrame:
     Beside names: `seeds` that are finished of `seeds_asked`; `score` (interquartile mean of the normalised
     score over seeds) with `score_low` and `score_high`, its 95 % interval (NaN for a single seed); the means
     over seeds of the columns `results.MEANS`; `area_under_curve` of the score and `training_minutes`. A row
-    without a finished trial holds NaN.
+    without a finished trial holds NaN, and so do the drawn actions of value-based agents: those explore, and
+    how much is a setting.
     """
-    asked = _asked(results.trials)
+    asked = seeds_asked(results.trials)
     curves = results.curves[results.curves["kind"] != TRAINING]
     curves = curves.merge(results.trials[["trial", "training_s"]], on="trial")
     rows = []
     for row, trials in results.trials.groupby(ROW):
         for kind in (GREEDY, DRAWN):
             own = curves[curves["trial"].isin(trials["trial"]) & (curves["kind"] == kind)]
+            own = own[:0] if kind == DRAWN and "exploration_final_eps" in trials["settings"].iloc[0] else own
             last = own.groupby("trial").tail(1)
             steps = int(trials["steps"].iloc[0])
             names = dict(zip(ROW, row, strict=True)) | {"actions": kind, "steps": steps}
@@ -50,9 +77,16 @@ def matrices(results: Results, kind: str = SCORED) -> tuple[dict[str, stats.Arra
     """Return the final scores `(n_seeds, n_cells)` of the algorithms, and why others have none.
 
     Cells are those of algorithms that learn, in order. An algorithm needs one configuration in each of them,
-    and its seeds are those that are finished in all of them.
+    and its seeds are those that are finished in all of them. There are none where the trials of a cell are
+    from different environments.
     """
     trials = results.trials
+    several = environments(trials).groupby([trials[name] for name in CELL]).nunique()
+    if (several > 1).any():
+        where = cell_name(*several[several > 1].index[0])
+        return {}, {
+            algo: f"trials of {where} are from different environments" for algo in set(trials["algo"])
+        }
     learning = trials[trials["steps"] > 0]
     wanted = sorted(set((learning if len(learning) else trials)[CELL].itertuples(index=False, name=None)))
     final = results.curves[results.curves["kind"] == kind].groupby("trial").tail(1)
@@ -105,7 +139,7 @@ def overall(scores: Mapping[str, stats.Array]) -> pd.DataFrame:
 def improvement(scores: Mapping[str, stats.Array]) -> pd.DataFrame:
     """Return a row per ordered pair: `probability` that `algo` beats `other` in a cell, `low`, `high`."""
     rows = []
-    for algo, other in permutations(scores, 2):
+    for algo, other in combinations(scores, 2):
         interval = stats.stratified_bootstrap(
             stats.probability_of_improvement,
             scores[algo],
@@ -115,6 +149,8 @@ def improvement(scores: Mapping[str, stats.Array]) -> pd.DataFrame:
         alone = min(len(scores[algo]), len(scores[other])) == 1
         low, high = (np.nan, np.nan) if alone else (float(interval.low), float(interval.high))
         rows.append((algo, other, float(interval.estimate), low, high))
+        # The same samples: what is sure one way round is sure the other.
+        rows.append((other, algo, 1 - float(interval.estimate), 1 - high, 1 - low))
     return pd.DataFrame(rows, columns=["algo", "other", "probability", "low", "high"])
 
 
@@ -139,21 +175,21 @@ def agents(trials: pd.DataFrame) -> pd.DataFrame:
     return trials.assign(agent=names)
 
 
+def seeds_asked(trials: pd.DataFrame) -> int:
+    """Return how many seeds the learning algorithms were to have, from all of their trials."""
+    return int(trials.loc[trials["steps"] > 0, "seed"].nunique())
+
+
 def cell_name(task: str, noise: float) -> str:
     """Return what a cell is called, for example "fp, noise 0.25"."""
     return f"{task}, noise {noise:g}"
-
-
-def _asked(trials: pd.DataFrame) -> int:
-    """Return how many seeds the learning algorithms were to have, from all of their trials."""
-    return int(trials.loc[trials["steps"] > 0, "seed"].nunique())
 
 
 def _numbers(curves: pd.DataFrame, last: pd.DataFrame) -> dict[str, float]:
     """Return the numbers of a row from the checkpoints of its trials, `last` being the final ones."""
     interval = score_of(last[["normalized_score"]].to_numpy(np.float64)) if len(last) else _NO_SCORE
     areas = [
-        float(stats.area_under_curve(own["step"], own["normalized_score"]))
+        float(stats.area_under_curve(own["trained"], own["normalized_score"]))
         for _, own in curves.groupby("trial")
         if len(own) > 1
     ]

@@ -76,6 +76,11 @@ def resolve(algo: str, tasks: Sequence[str], *, noise: Any, seeds: Any, steps: A
             f"the tasks {', '.join(tasks)} have different budgets: give one with --steps."
         )
     names = tuple(config.task for config in configs)
+    if unseen := [name for name in names if suite.TASKS[name].phantoms]:
+        raise ConfigurationError(
+            f"{unseen[0]} is evaluated on the phantoms that comparisons test with, which must not choose "
+            f"hyperparameters: search on {suite.TASKS[unseen[0]].single}."
+        )
     return Settings(algo, names, configs[0].noise, positive("seeds", seeds), configs[0].steps)
 
 
@@ -92,9 +97,15 @@ def run(
     Returns the path of the table. `kwargs` go to the sweep. The first candidate is the algorithm's defaults.
 
     Raises:
-        ConfigurationError: If Optuna is not installed or `out` cannot be written.
+        ConfigurationError: If Optuna is not installed, `out` cannot be written, or finalists are asked for
+            in a search on other tasks.
         KeyboardInterrupt: After the running trials have kept their state.
     """
+    if n_finalists and not set(settings.tasks) <= set(suite.PAPER):
+        raise ConfigurationError(
+            f"finalists are judged on {' and '.join(suite.PAPER)}, which is no final of a search on "
+            f"{', '.join(settings.tasks)}: leave out --finalists."
+        )
     folder = out / settings.folder_name
     study = _study(settings, out)
     while batch := _batch(study, settings, n_candidates):

@@ -139,9 +139,13 @@ def _add_leaderboard(subparsers: Any, debug: argparse.ArgumentParser) -> None:
     leaderboard = subparsers.add_parser(
         "leaderboard",
         parents=[debug],
-        help="write a leaderboard again, from its tables alone",
+        help="write a leaderboard again, from its tables or from every trial in a folder",
         description="Write the leaderboard, scores.csv beside it and the figures again, from the tables that "
-        "compare left in the folder beside it (leaderboard_files); no trial is run or read.",
+        "compare left in the folder beside it (leaderboard_files), or of several comparisons together; no "
+        "trial is run.",
+    )
+    leaderboard.add_argument(
+        "--runs", type=Path, metavar="DIR", help="folder with trials: read all of them, whatever compare read"
     )
     _add_leaderboard_file(leaderboard)
     leaderboard.set_defaults(call=commands.leaderboard)

@@ -45,7 +45,7 @@ def curve(kind, name, step, score):
         "reached_rate": 0.5,
         "steps_to_goal": 12.0,
     }
-    return {"trial": name, "kind": kind, "step": step, "episodes": 20} | means
+    return {"trial": name, "kind": kind, "step": step, "trained": step, "episodes": 20} | means
 
 
 def curves(row):

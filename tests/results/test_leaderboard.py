@@ -85,6 +85,27 @@ def test_improvement_is_bold_where_it_is_sure():
     assert "| `ppo` | – | 0.50 |" in text
 
 
+def test_other_tasks_have_a_table_of_their_own():
+    exam = [trial(algo, score, task="exam", steps=32_128) for algo, score in (("vpg", 0.2), ("ppo", 0.3))]
+    text = leaderboard.markdown(tables(*seeds("vpg", [0.5]), *seeds("a2c", [0.6]), *exam))
+    headings = lines(text, "## ")
+    assert headings[:4] == [
+        "## The paper's tasks together",
+        "## Probability of improvement: the paper's tasks",
+        "## The other tasks together",
+        "## Probability of improvement: the other tasks",
+    ]
+    assert "is not in the table" not in text
+    assert text.split("\n\n")[1].startswith("`a2c` comes closest to the optimum")
+
+
+def test_environments_with_exact_returns_of_their_own_are_said():
+    mine = trial("a2c", optimal=-2.0, settings='{"environment": "mine"}')
+    text = leaderboard.markdown(tables(trial("vpg"), mine))
+    assert "The trials are from different environments: each has exact returns of its own." in text
+    assert "## All cells together" not in text and "no algorithm has finished trials in every cell" in text
+
+
 def test_agent_outside_the_table_of_all_cells_is_explained():
     known = tables(*seeds("vpg", [0.5, 0.6]), *seeds("vpg", [0.5, 0.6], task="pp"), trial("ppo", 0.9))
     assert (

@@ -18,9 +18,27 @@ def grid(**changes):
 
 def test_whole_grid_is_one_command():
     trials = tables(*grid(), trial("oracle", 1.0)).trials
-    expected = "usbench compare --algos a2c vpg --tasks fp pp --noise 0 0.25 --seeds 2 --steps 16064"
-    assert provenance.command(trials) == expected
-    assert expected in provenance.making(trials)
+    expected = "usbench compare --algos a2c vpg --tasks fp pp --noise 0 0.25 --seeds 2"
+    assert provenance.commands(trials) == [expected]
+    assert f"```\n{expected}\n```" in provenance.making(trials)
+
+
+def test_budget_that_is_not_the_tasks_is_named():
+    assert provenance.commands(tables(*grid(steps=64)).trials)[0].endswith("--seeds 2 --steps 64")
+
+
+def test_what_several_comparisons_made_names_each():
+    exam = [trial(algo, task="exam", steps=32_128) for algo in ("vpg", "a2c")]
+    trials = tables(*grid(), *exam, trial("dqn", task="pp")).trials
+    expected = [
+        "usbench compare --algos a2c vpg --tasks exam --noise 0 --seeds 1",
+        "usbench compare --algos a2c vpg --tasks fp pp --noise 0 0.25 --seeds 2",
+        "usbench compare --algos dqn --tasks pp --noise 0 --seeds 1",
+    ]
+    assert sorted(provenance.commands(trials)) == expected
+    assert "usbench leaderboard --runs runs\n```" in provenance.making(trials)
+    # A budget belongs to a task: nothing is unusual about two.
+    assert not any("budget" in note for note in provenance.notes(trials))
 
 
 @pytest.mark.parametrize(
@@ -28,15 +46,25 @@ def test_whole_grid_is_one_command():
     [
         grid()[:-1],
         seeds("vpg", [0.5], task="fp") + [trial("vpg", seed=5)],
-        grid() + [trial("dqn", steps=32)],
+        [trial("vpg"), trial("vpg", seed=1, steps=32)],
         [trial("vpg"), trial("vpg", configuration="00000002")],
+        [trial("vpg"), trial("oracle", noise=0.5)],
         [trial("oracle")],
         [],
     ],
-    ids=["hole", "seeds", "budget", "configurations", "no learner", "nothing"],
+    ids=["hole", "seeds", "budget", "configurations", "no learner in a cell", "no learner", "nothing"],
 )
-def test_what_no_single_command_makes_names_none(trials):
-    assert provenance.command(tables(*trials).trials) == ""
+def test_what_no_comparisons_make_names_none(trials):
+    assert provenance.commands(tables(*trials).trials) == []
+
+
+def test_different_environments_are_said():
+    mine = trial("a2c", settings='{"environment": "mine", "gamma": 0.99}')
+    (note,) = provenance.notes(tables(trial("vpg"), mine).trials)
+    assert note == (
+        "Trials on fp, noise 0 are from different environments (their digests): vpg in e; a2c in mine. "
+        "Their scores cannot be compared."
+    )
 
 
 def test_hours_are_those_of_finished_trials():
@@ -74,7 +102,7 @@ def test_configurations_are_told_apart_by_what_differs():
 def test_different_budgets_and_seeds_are_said():
     notes = provenance.notes(tables(trial("vpg"), trial("a2c", seed=1, steps=320)).trials)
     assert notes == [
-        "Training budgets differ: 320 steps for a2c; 16064 steps for vpg.",
+        "Training budgets on fp differ: 320 steps for a2c; 16064 steps for vpg.",
         "On fp, noise 0 agents have different seeds: 0 / 1.",
     ]
 

@@ -105,8 +105,54 @@ def test_only_what_learns_is_among_the_learners():
 
 def test_improvement_in_both_directions():
     table = scores.improvement({"a": np.array([[0.2], [0.6]]), "b": np.array([[0.1], [0.5]])})
-    table = table.set_index(["algo", "other"])["probability"]
-    assert table["a", "b"] == 0.75 and table["b", "a"] == 0.25
+    table = table.set_index(["algo", "other"])
+    assert table["probability"]["a", "b"] == 0.75 and table["probability"]["b", "a"] == 0.25
+    # The interval of one is that of the other, mirrored: sure one way round, sure the other.
+    assert table["low"]["b", "a"] == 1 - table["high"]["a", "b"]
+    assert table["high"]["b", "a"] == 1 - table["low"]["a", "b"]
+
+
+def test_papers_tasks_are_averaged_apart_from_others():
+    exam = seeds("vpg", [0.1], task="exam")
+    known = tables(*seeds("vpg", [0.5, 0.7]), *seeds("a2c", [0.6]), *exam, trial("oracle", 1.0, task="exam"))
+    parts = scores.parts(known)
+    assert list(parts) == [scores.PAPERS, scores.OTHERS]
+    assert scores.matrices(parts[scores.PAPERS])[0]["vpg"].tolist() == [[0.5], [0.7]]
+    assert scores.matrices(parts[scores.PAPERS])[0]["a2c"].tolist() == [[0.6]]
+    assert set(scores.matrices(parts[scores.OTHERS])[0]) == {"oracle", "vpg"}
+    for own in parts.values():
+        assert set(own.curves["trial"]) == set(own.trials["trial"])
+
+
+@pytest.mark.parametrize("task", ["fp", "exam"])
+def test_tasks_of_one_kind_are_averaged_together(task):
+    # That agents which do not learn were on another task makes no second kind.
+    known = tables(trial("vpg", task=task), trial("oracle", task="setup"))
+    assert scores.parts(known) == {scores.ALL: known}
+
+
+def test_nothing_is_averaged_over_different_environments():
+    mine = trial("a2c", 0.9, settings='{"environment": "mine"}')
+    found, reasons = scores.matrices(tables(trial("vpg"), mine))
+    assert not found
+    assert reasons == dict.fromkeys(("a2c", "vpg"), "trials of fp, noise 0 are from different environments")
+
+
+def test_value_based_agents_have_no_score_with_drawn_actions():
+    explores = {"settings": '{"environment": "e", "exploration_final_eps": 0.05}'}
+    known = tables(trial("vpg", 0.5), trial("dqn", 0.9, **explores))
+    assert cell(known, algo="vpg", actions="drawn")["score"] == pytest.approx(0.4)
+    assert np.isnan(cell(known, algo="dqn", actions="drawn")["score"])
+    assert cell(known, algo="dqn", actions="greedy")["score"] == 0.9
+
+
+def test_area_is_over_the_steps_that_an_agent_had_learned_from():
+    known = tables(trial("vpg", 0.8))
+    # From 0 over 0.4 to 0.8; a long rollout moves the checkpoint in the middle to three quarters.
+    assert cell(known, actions="greedy")["area_under_curve"] == pytest.approx(0.4)
+    middle = (known.curves["kind"] == "greedy") & (known.curves["step"] == 8032)
+    known.curves.loc[middle, "trained"] = 12_048
+    assert cell(known, actions="greedy")["area_under_curve"] == pytest.approx(0.75 * 0.2 + 0.25 * 0.6)
 
 
 def test_learning_curves_hold_every_checkpoint_of_what_learns():
