@@ -60,8 +60,8 @@ CURVE_COLUMNS: Mapping[str, type] = {
     "trial": str,
     "kind": str,
     "step": int,
-    "trained": int,
     "episodes": int,
+    "trained": int,
     **dict.fromkeys(MEANS, float),
 }
 
