@@ -10,6 +10,7 @@ from usbench import drawing, suite
 from usbench.envs.oracle import PAPER_TARGET
 from usbench.envs.pose import sin_deg
 from usbench.results import DRAWN, GREEDY, Results
+from usbench.scores import value_based
 
 KINDS = ("success", "beside", "too_deep", "too_shallow", "out_of_plane", "one_turn_off", "long_way")
 # Those that are drawn, and told apart in grey.
@@ -91,13 +92,15 @@ def by_frames(results: Results) -> pd.DataFrame:
 
     Returns:
         A row per (task, noise, algo, n_frames): `seeds`, and the mean normalised score over them with
-        `greedy` and with `drawn` actions. Algorithms with one number of frames in a cell have none.
+        `greedy` and with `drawn` actions (NaN for value-based ones). Algorithms with one number of frames in
+        a cell have none.
     """
     n_frames = results.trials["settings"].map(lambda text: json.loads(text)["n_frames"])
     trials = results.trials.assign(n_frames=n_frames)[results.trials["steps"] > 0]
     several = trials.groupby(["task", "noise", "algo"])["n_frames"].transform("nunique") > 1
     keys = ["task", "noise", "algo", "n_frames"]
     last = results.curves[results.curves["kind"].isin((GREEDY, DRAWN))].groupby(["trial", "kind"]).tail(1)
+    last = last[(last["kind"] == GREEDY) | ~last["trial"].isin(trials["trial"][value_based(trials)])]
     final = trials.loc[several, ["trial", "seed", *keys]].merge(last, on="trial")
     table = final.pivot_table(index=keys, columns="kind", values="normalized_score")
     table = table.reindex(columns=[GREEDY, DRAWN])

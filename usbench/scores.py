@@ -47,6 +47,11 @@ def environments(trials: pd.DataFrame) -> pd.Series:
     return trials["settings"].map(lambda text: json.loads(text).get("environment", ""))
 
 
+def value_based(trials: pd.DataFrame) -> pd.Series:
+    """Return which trials are of agents that explore, having no probabilities to draw actions with."""
+    return trials["settings"].str.contains('"exploration_final_eps"', regex=False)
+
+
 def cells(results: Results) -> pd.DataFrame:
     """Return a row per task, noise, algorithm, configuration and kind of actions, without index.
 
@@ -63,7 +68,8 @@ def cells(results: Results) -> pd.DataFrame:
     for row, trials in results.trials.groupby(ROW):
         for kind in (GREEDY, DRAWN):
             own = curves[curves["trial"].isin(trials["trial"]) & (curves["kind"] == kind)]
-            own = own[:0] if kind == DRAWN and "exploration_final_eps" in trials["settings"].iloc[0] else own
+            if kind == DRAWN and value_based(trials).any():
+                own = own[:0]
             last = own.groupby("trial").tail(1)
             steps = int(trials["steps"].iloc[0])
             names = dict(zip(ROW, row, strict=True)) | {"actions": kind, "steps": steps}
