@@ -163,20 +163,17 @@ class Evaluator:
 
 
 def _act(
-    agent: Agent, seen: Any, state: Any, first: npt.NDArray[np.bool_], deterministic: bool
+    agent: Any, seen: Any, state: Any, first: npt.NDArray[np.bool_], deterministic: bool
 ) -> tuple[npt.NDArray[Any], Any]:
     """Return an action for each episode and the next hidden state.
 
     SB3's value-based agents toss one coin for a whole batch, to explore in all of it or nowhere: here each
     episode has its own.
     """
-    explores = (
-        not deterministic and isinstance(agent, OffPolicyAlgorithm) and hasattr(agent, "exploration_rate")
-    )
-    actions, state = agent.predict(
-        seen, state=state, episode_start=first, deterministic=deterministic or explores
-    )
-    if explores:
+    explores = isinstance(agent, OffPolicyAlgorithm) and hasattr(agent, "exploration_rate")
+    greedy = deterministic or explores
+    actions, state = agent.predict(seen, state=state, episode_start=first, deterministic=greedy)
+    if explores and not deterministic:
         for k in np.flatnonzero(np.random.rand(len(actions)) < agent.exploration_rate):
             actions[k] = agent.action_space.sample()
     return actions, state

@@ -35,7 +35,7 @@ class Picture:
 
 def comparison(known: Results) -> dict[str, Picture | None]:
     """Return the figures of a comparison by name, None where there are no results for one."""
-    return {name: figure and from_figure(figure) for name, figure in figures.draw(known).items()}
+    return {name: from_figure(figure) if figure else None for name, figure in figures.draw(known).items()}
 
 
 def from_figure(figure: Figure) -> Picture:
