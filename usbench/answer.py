@@ -12,7 +12,10 @@ QUESTION = "other methods do better than the paper's vanilla policy gradient"
 
 
 def text(known: Results) -> str:
-    """Return two sentences: which agent comes closest to the optimum, and how others compare with `vpg`."""
+    """Return two sentences: which agent comes closest to the optimum, and how others compare with `vpg`.
+
+    Where some have several seeds, those with one are named in a third.
+    """
     known = next(iter(scores.parts(known).values()))
     learning = known.trials[known.trials["steps"] > 0]
     finished = int((learning["status"] == "finished").sum())
@@ -22,6 +25,11 @@ def text(known: Results) -> str:
             f"Whether {QUESTION} is open: no algorithm has finished trials in every cell. "
             f"{finished} of {len(learning)} trials are finished; `usbench compare`, run again, adds the rest."
         )
+    alone = [algo for algo, matrix in matrices.items() if len(matrix) == 1]
+    if len(alone) < len(matrices):
+        matrices = {algo: matrix for algo, matrix in matrices.items() if algo not in alone}
+    else:
+        alone = []
     table = scores.overall(matrices).set_index("algo")
     n_cells = next(iter(matrices.values())).shape[1]
     first = _best(table, n_cells)
@@ -29,7 +37,8 @@ def text(known: Results) -> str:
     if finished < len(learning):
         first = f"so far ({finished} of {len(learning)} trials are finished) {first}"
         second = f"on that evidence {second}"
-    return f"{_capital(first)} {_capital(second)}"
+    third = f" One seed tells nothing of the spread, so that {_names(alone)} must wait." if alone else ""
+    return f"{_capital(first)} {_capital(second)}{third}"
 
 
 def _best(table: pd.DataFrame, n_cells: int) -> str:

@@ -65,6 +65,12 @@ def test_one_seed_tells_nothing_of_the_spread():
     assert "cannot be told" in second and second.endswith("with probability 1.00")
 
 
+def test_one_seed_beside_several_is_not_judged():
+    text = answer.text(tables(*seeds("vpg", LOW), *seeds("ppo", HIGH), trial("a2c", 1.0), trial("trpo", 0.0)))
+    assert text.startswith("`ppo` comes closest to the optimum")
+    assert text.endswith("so that `a2c` and `trpo` must wait.") and text.count("a2c") == 1
+
+
 def test_missing_trials_are_said():
     first, second = sentences(
         *seeds("vpg", LOW), *seeds("ppo", HIGH), trial("ppo", seed=4, status="missing"), trial("oracle", 1.0)
