@@ -16,7 +16,8 @@ COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#00
 LINES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)), (0, (1, 2, 4, 2)))
 # Inches that a line with its marker takes, and a letter of its label.
 LEGEND_HANDLE, LEGEND_LETTER = 0.62, 0.085
-MARKERS = ("o", "s", "D", "^", "v", "P", "X")
+# Two more than colours, so that the eighth agent is not drawn as the first.
+MARKERS = ("o", "s", "D", "^", "v", "P", "X", "<", ">")
 
 
 def styles(names: Iterable[str]) -> dict[str, dict[str, Any]]:

@@ -1,6 +1,6 @@
 """The figures of a comparison, from results alone."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,8 @@ from usbench.scores import SCORED, cell_name
 
 SCORE = "normalised score (0 random, 1 optimum)"
 N_THRESHOLDS = 141
+WIDEST = 3  # panels beside each other
+Looks = Mapping[str, dict[str, Any]]
 # Agents that do not learn.
 FIXED = {"color": "0.5", "marker": "D"}
 # Without caps, which would lengthen an interval.
@@ -38,16 +40,23 @@ def write(known: Results, folder: Path, formats: Sequence[str] = ("png",)) -> li
 def draw(known: Results) -> dict[str, Figure | None]:
     """Return every figure by its name, None where there are no results for one."""
     drawn = {}
+    looks = styles(known)
     for part, own in scores.parts(known).items():
         prefix = "other_" if part == scores.OTHERS else ""
-        drawn[f"{prefix}scores"] = final_scores(own)
-        drawn[f"{prefix}learning_curves"] = learning_curves(own)
-        drawn[f"{prefix}performance_profiles"] = performance_profiles(own)
+        drawn[f"{prefix}scores"] = final_scores(own, looks)
+        drawn[f"{prefix}learning_curves"] = learning_curves(own, looks)
+        drawn[f"{prefix}performance_profiles"] = performance_profiles(own, looks)
         drawn[f"{prefix}improvement"] = improvement(own)
     return drawn | {"figure4": paper_figures.figure4(known), "figure5": paper_figures.figure5(known)}
 
 
-def final_scores(known: Results) -> Figure | None:
+def styles(known: Results) -> Looks:
+    """Return how every agent that learns is drawn, the same in all figures."""
+    learning = known.trials[known.trials["steps"] > 0]
+    return drawing.styles([*learning["algo"], *scores.agents(learning)["agent"]])
+
+
+def final_scores(known: Results, looks: Looks) -> Figure | None:
     """Draw the score of every agent in every cell with its interval; small circles are its seeds."""
     last = known.curves[known.curves["kind"] == SCORED].groupby("trial").tail(1)
     table = last.merge(scores.agents(known.trials), on="trial")
@@ -55,16 +64,14 @@ def final_scores(known: Results) -> Figure | None:
         return None
     order = table.groupby("agent")["normalized_score"].median().sort_values(kind="stable")
     agents = list(order.index)
-    # Colours are those of the other figures, where only what learns is drawn.
-    style = dict.fromkeys(agents, FIXED) | drawing.styles(table.loc[table["steps"] > 0, "agent"])
-    figure, axes, cells = _cell_panels(table, height=0.5 + 0.28 * len(agents), sharex=True, sharey=True)
+    figure, cells = _cell_panels(table, SCORE, height=0.5 + 0.28 * len(agents), sharex=True, sharey=True)
     for cell, axis in cells.items():
         own = table[(table["task"] == cell[0]) & (table["noise"] == cell[1])]
         for agent, rows in own.groupby("agent"):
             height = agents.index(str(agent))
             matrix = rows[["normalized_score"]].to_numpy(np.float64)
             interval = _bootstrap(matrix)
-            look = style[str(agent)]
+            look = looks.get(str(agent), FIXED)
             axis.plot(
                 matrix[:, 0], np.full(len(matrix), height + 0.25), "o", color="0.4", fillstyle="none", ms=4
             )
@@ -74,45 +81,38 @@ def final_scores(known: Results) -> Figure | None:
             axis.axvline(anchor, color="black", linestyle=line, linewidth=1)
         axis.set_yticks(range(len(agents)), agents)
         axis.set_ylim(-0.5, len(agents) - 0.4)
-    for axis in axes[-1]:
-        axis.set_xlabel(SCORE)
     figure.suptitle("IQM over seeds with 95 % bootstrap interval;\ncircles are single seeds", fontsize=10)
     return figure
 
 
-def learning_curves(known: Results) -> Figure | None:
+def learning_curves(known: Results, looks: Looks) -> Figure | None:
     """Draw the score over training steps in every cell, with its interval."""
     table = scores.learning_curves(known)
     if table.empty:
         return None
-    style = drawing.styles(table["agent"])
-    figure, axes, cells = _cell_panels(table, sharey=True)
+    figure, cells = _cell_panels(table, "training steps", sharey=True)
     handles = {}
     for cell, axis in cells.items():
         own = table[(table["task"] == cell[0]) & (table["noise"] == cell[1])]
         for agent, rows in own.groupby("agent"):
-            look = style[str(agent)]
+            look = looks[str(agent)]
             handles[str(agent)] = axis.plot(rows["step"], rows["score"], markersize=4, **look)[0]
             band = (rows["score_low"], rows["score_high"])
             axis.fill_between(rows["step"], *band, color=look["color"], alpha=0.12, linewidth=0)
         for anchor, line in ((0, ":"), (1, "-.")):
             axis.axhline(anchor, color="black", linestyle=line, linewidth=1)
         axis.locator_params(axis="x", nbins=5)
-    for axis in axes[-1]:
-        axis.set_xlabel("training steps")
-    for axis in axes[:, 0]:
-        axis.set_ylabel("normalised score\n(0 random, 1 optimum)")
+    figure.supylabel(SCORE, fontsize=10)
     drawing.legend(figure, [handles[name] for name in sorted(handles)], sorted(handles))
     figure.suptitle(f"{SCORED} actions: IQM over seeds\nwith 95 % bootstrap band", fontsize=10)
     return figure
 
 
-def performance_profiles(known: Results) -> Figure | None:
+def performance_profiles(known: Results, looks: Looks) -> Figure | None:
     """Draw the share of trials, over all cells, that score more than a threshold."""
     matrices = scores.learners(known)
     if not matrices:
         return None
-    style = drawing.styles(matrices)
     cells = ", ".join(sorted(set(known.trials["task"])))
     figure, axes = drawing.panels(1, 1, width=6.5, height=3.6)
     axis = axes[0, 0]
@@ -124,7 +124,7 @@ def performance_profiles(known: Results) -> Figure | None:
             matrix,
             generator=np.random.default_rng(scores.BOOTSTRAP_SEED),
         )
-        look = style[algo]
+        look = looks[algo]
         axis.plot(thresholds, profile.estimate, label=algo, markevery=10, markersize=4, **look)
         axis.fill_between(thresholds, profile.low, profile.high, color=look["color"], alpha=0.12, linewidth=0)
     axis.set_xlabel(f"threshold of the {SCORE}")
@@ -155,16 +155,27 @@ def improvement(known: Results) -> Figure | None:
     return figure
 
 
-def _cell_panels(table: pd.DataFrame, *, height: float = 2.6, **kwargs: bool) -> tuple[Figure, Any, Any]:
-    """Return a figure with a panel for each task (rows) and noise (columns), its axes, and those by cell."""
+def _cell_panels(
+    table: pd.DataFrame, label: str, *, height: float = 2.6, **kwargs: bool
+) -> tuple[Figure, Any]:
+    """Return a figure with a panel for each task (rows) and noise (columns), and its axes by cell.
+
+    Tasks of a single noise stand beside each other. The lowest panels have the `label`.
+    """
     tasks, noises = sorted(set(table["task"])), sorted(set(table["noise"]))
-    figure, axes = drawing.panels(len(tasks), len(noises), height=height, **kwargs)
-    cells = {}
-    for row, task in enumerate(tasks):
-        for column, noise in enumerate(noises):
-            cells[task, noise] = axes[row, column]
-            axes[row, column].set_title(cell_name(task, noise), fontsize=10)
-    return figure, axes, cells
+    names = [(task, noise) for task in tasks for noise in noises]
+    columns = len(noises) if len(noises) > 1 else min(len(names), WIDEST)
+    rows = -(-len(names) // columns)
+    figure, axes = drawing.panels(rows, columns, height=height, **kwargs)
+    cells = dict(zip(names, axes.flat, strict=False))
+    for name, axis in cells.items():
+        axis.set_title(cell_name(*name), fontsize=10)
+    for axis in axes.flat[len(names) :]:
+        axis.set_axis_off()
+    for axis in axes.flat[max(len(names) - columns, 0) : len(names)]:
+        axis.tick_params(labelbottom=True)
+        axis.set_xlabel(label)
+    return figure, cells
 
 
 def _bootstrap(matrix: stats.Array) -> stats.Interval:

@@ -27,7 +27,7 @@ def test_every_figure_is_drawn(tmp_path):
 
 @pytest.mark.parametrize("kind", ["svg", "pdf"])
 def test_vector_formats_are_the_same_bytes_again(tmp_path, kind):
-    figure = figures.performance_profiles(tables(*GRID))
+    figure = figures.draw(tables(*GRID))["performance_profiles"]
     first = drawing.save(figure, tmp_path / f"a.{kind}").read_bytes()
     assert drawing.save(figure, tmp_path / f"b.{kind}").read_bytes() == first
 
@@ -74,9 +74,12 @@ def test_paper_figures_have_a_row_per_agent_and_a_line_per_noise():
 
 def test_axes_tell_their_units():
     known = tables(*GRID)
-    for draw in (paper_figures.figure4, paper_figures.figure5, figures.learning_curves):
-        bottom = draw(known).axes[-1]
-        assert bottom.get_xlabel() == "training steps"
+    for draw in (paper_figures.figure4, paper_figures.figure5):
+        assert draw(known).axes[-1].get_xlabel() == "training steps"
+    drawn = figures.draw(known)
+    assert drawn["learning_curves"].axes[-1].get_xlabel() == "training steps"
+    assert "0 random, 1 optimum" in drawn["learning_curves"].get_supylabel()
+    assert "0 random, 1 optimum" in drawn["scores"].axes[-1].get_xlabel()
     assert "(mm)" in paper_figures.figure5(known).axes[0].get_ylabel()
 
 
@@ -87,6 +90,29 @@ def test_styles_differ_in_colour_line_and_marker():
     assert list(looks) == sorted(looks)
 
 
+def test_more_agents_than_colours_differ_all_the_same():
+    looks = drawing.styles(f"agent{k}" for k in range(30))
+    assert len({str(look) for look in looks.values()}) == 30
+
+
+def test_an_agent_looks_the_same_in_all_figures():
+    others = [row for task in ("exam", "setup") for row in seeds("vpg", [0.3, 0.4], task=task)]
+    drawn = figures.draw(tables(*GRID, *others))
+    color = drawing.styles(["ppo", "vpg"])["vpg"]["color"]
+    for name in ("other_learning_curves", "other_performance_profiles"):
+        assert {line.get_color() for line in drawn[name].axes[0].lines[:1]} == {color}
+
+
+def test_tasks_of_one_noise_stand_beside_each_other():
+    tasks = ("exam", "exam-stop", "fp-random", "pp-random", "setup")
+    drawn = figures.draw(tables(*(row for task in tasks for row in seeds("vpg", [0.3, 0.4], task=task))))
+    titles = [axis.get_title() for axis in drawn["scores"].axes]
+    assert titles == [*(f"{task}, noise 0" for task in tasks), ""]
+    tops = [axis.get_subplotspec().rowspan.start for axis in drawn["scores"].axes]
+    assert tops == [0, 0, 0, 1, 1, 1]
+    assert not drawn["scores"].axes[-1].axison
+
+
 def test_unknown_format_is_refused(tmp_path):
     with pytest.raises(ValueError, match=r"png, svg, pdf, not 'a\.bmp'"):
-        drawing.save(figures.performance_profiles(tables(*GRID)), tmp_path / "a.bmp")
+        drawing.save(figures.draw(tables(*GRID))["performance_profiles"], tmp_path / "a.bmp")

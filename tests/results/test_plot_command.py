@@ -51,7 +51,7 @@ def test_trial_that_still_runs_has_a_learning_curve_alone(finished, tmp_path):
 
 def test_long_names_stay_within_the_figure():
     known = tables(*(row for k in range(4) for row in seeds(f"my_module.MyAlgorithm{k}", [0.2, 0.4])))
-    figure = figures.learning_curves(known)
+    figure = figures.draw(known)["learning_curves"]
     FigureCanvasAgg(figure).draw()
     box = figure.legends[0].get_window_extent()
     assert box.x0 >= 0 and box.x1 <= figure.bbox.x1
