@@ -233,6 +233,25 @@ def test_model_cut_off_or_changed_is_refused(finished):
     assert "not a readable zip" in refusal(finished)
 
 
+def test_damaged_model_of_another_packing_is_refused(finished):
+    # Every packing has errors of its own: this one's derive from Exception alone.
+    file = finished / records.MODEL
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_LZMA) as archive:
+        archive.writestr(models.WEIGHTS, bytes(range(256)) * 4)
+    whole = bytearray(file.read_bytes())
+    start = whole.index(models.WEIGHTS.encode()) + len(models.WEIGHTS) + 9  # behind the packing's own head
+    whole[start : start + 20] = b"\xff" * 20
+    file.write_bytes(whole)
+    assert "not a readable zip" in refusal(finished)
+
+
+def test_weights_whose_own_table_of_contents_is_broken_are_refused(finished):
+    content = saved(weights(finished / records.MODEL)).replace(b"PK\x01\x02", b"PK\x01\x00")
+    assert zipfile.is_zipfile(io.BytesIO(content))
+    rewrite(finished / records.MODEL, {models.WEIGHTS: content})
+    assert "is broken: its tensors cannot be read" in refusal(finished)
+
+
 @pytest.mark.parametrize("thing", [[torch.zeros(1)], {"a": 1}, {1: torch.zeros(1)}, torch.zeros(1), None])
 def test_weights_that_are_no_named_tensors_are_refused(finished, thing):
     rewrite(finished / records.MODEL, {models.WEIGHTS: saved(thing)})

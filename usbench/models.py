@@ -8,7 +8,6 @@ import contextlib
 import dataclasses
 import io
 import zipfile
-import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath, PureWindowsPath
@@ -159,18 +158,20 @@ def _tensors(file: Path, limit: int) -> dict[str, torch.Tensor]:
             raise ConfigurationError(
                 f"{str(file)!r} is not a model of Stable-Baselines3: no {WEIGHTS} in it."
             )
-        _check_size(archive, [archive.getinfo(WEIGHTS)], limit, file)
+        _check_size([archive.getinfo(WEIGHTS)], limit, file)
         content = io.BytesIO(archive.read(WEIGHTS))
     if not zipfile.is_zipfile(content):
         raise ConfigurationError(
             f"{WEIGHTS} in {str(file)!r} is no file of torch.save: another kind of pickle could run code "
             "and is not opened."
         )
-    with zipfile.ZipFile(content) as archive:
-        _check_size(archive, archive.infolist(), limit, file)
-    content.seek(0)
     try:
+        with zipfile.ZipFile(content) as archive:
+            _check_size(archive.infolist(), limit, file)
+        content.seek(0)
         tensors = torch.load(content, map_location="cpu", weights_only=True)
+    except ConfigurationError:
+        raise
     except Exception as error:
         raise ConfigurationError(_why_unreadable(content, file)) from error
     if not isinstance(tensors, dict) or not all(
@@ -208,12 +209,14 @@ def _archive(file: Path) -> Iterator[zipfile.ZipFile]:
                         f"{str(file)!r} is refused: the name {name!r} in it leads out of the archive."
                     )
             yield archive
-    # Broken, encrypted, packed in an unknown way, cut off, unreadable.
-    except (zipfile.BadZipFile, RuntimeError, NotImplementedError, EOFError, OSError, zlib.error) as error:
+    except ConfigurationError:
+        raise
+    # Broken, encrypted, cut off, unreadable; and each way of packing has errors of its own.
+    except Exception as error:
         raise ConfigurationError(f"{str(file)!r} is not a readable zip file ({_words(error)}).") from error
 
 
-def _check_size(archive: zipfile.ZipFile, members: list[zipfile.ZipInfo], limit: int, file: Path) -> None:
+def _check_size(members: list[zipfile.ZipInfo], limit: int, file: Path) -> None:
     size = sum(member.file_size for member in members)
     if size > limit:
         raise ConfigurationError(
