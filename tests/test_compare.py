@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from usbench import cli, comparison, records, sweep
+from usbench import cli, comparison, records, results, sweep
 
 GRID = [
     "--algos",
@@ -105,6 +105,30 @@ def test_leaderboard_without_tables_is_refused_in_one_sentence(here, capsys):
     assert cli.main(["leaderboard"]) == 1
     error = capsys.readouterr().err
     assert "no trials.csv in 'leaderboard_files'" in error and error.count("\n") == 1
+
+
+def test_leaderboard_of_a_folder_without_trials_is_refused_and_overwrites_nothing(here, capsys):
+    Path("leaderboard.md").write_text("mine")
+    Path("empty").mkdir()
+    assert cli.main(["leaderboard", "--runs", "empty"]) == 2
+    error = capsys.readouterr().err
+    assert "there is no trial in 'empty'" in error and error.count("\n") == 1
+    assert contents(here) == {here / "leaderboard.md": b"mine"}
+
+
+def test_trials_in_another_environment_are_left_out_of_the_leaderboard_of_a_folder(
+    finished, no_figures, tmp_path, capsys
+):
+    state = records.read_state(finished)
+    other = finished.with_name("other")
+    shutil.copytree(finished, other)
+    state["config"]["environment"]["reward"] = "image"
+    records.write_state(other, state)
+    path = tmp_path / "leaderboard.md"
+    assert cli.main(["leaderboard", "--runs", str(finished.parent), "--leaderboard", str(path)]) == 0
+    error = capsys.readouterr().err
+    assert error == "left out, as it is not pp as it stands in the table of tasks: other\n"
+    assert list(results.read(tmp_path / "leaderboard_files").trials["trial"]) == [finished.name]
 
 
 def test_report_of_nothing_is_refused_in_one_sentence(here, capsys):

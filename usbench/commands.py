@@ -92,7 +92,12 @@ def leaderboard(args: argparse.Namespace) -> None:
 
     folder = leaderboard.files(args.leaderboard)
     if args.runs is not None:
-        results.write(results.collect(args.runs), comparison.prepare(args.leaderboard))
+        known, others = comparison.gather(args.runs)
+        for name, task in others[["trial", "task"]].itertuples(index=False, name=None):
+            print(
+                f"left out, as it is not {task} as it stands in the table of tasks: {name}", file=sys.stderr
+            )
+        results.write(known, comparison.prepare(args.leaderboard))
     known = results.read(folder)
     for path in [*leaderboard.write(folder, args.leaderboard), *figures.write(known, folder)]:
         print(path)
@@ -107,7 +112,7 @@ def transfer(args: argparse.Namespace) -> None:
             print(text, file=sys.stderr)
 
     folder = leaderboard.files(args.leaderboard)
-    print(transfer.write(args.out, folder, tell))
+    print(transfer.write(args.out, folder, tell, args.algos))
     for path in leaderboard.write(folder, args.leaderboard):
         print(path)
 

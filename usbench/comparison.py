@@ -4,9 +4,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from usbench import figures, leaderboard, results, runner
+import pandas as pd
+
+from usbench import figures, leaderboard, results, runner, scores
 from usbench.envs.pose import whole_number
 from usbench.records import ConfigurationError, TrialConfig
+from usbench.results import Results
 
 # In every comparison, whatever else is asked for. They do not learn, so that one trial of each is enough.
 FLOOR_AND_CEILING = ("random", "stay", "oracle")
@@ -63,6 +66,29 @@ def prepare(path: Path) -> Path:
             "choose another with --leaderboard."
         ) from error
     return folder
+
+
+def gather(runs: Path) -> tuple[Results, pd.DataFrame]:
+    """Return the results of all trials in `runs` that can be compared, and the rows of the others.
+
+    Those have another environment than their task's own: a user's phantom, another reward.
+
+    Raises:
+        ConfigurationError: If there is no trial.
+        FileNotFoundError: If there is no such folder.
+        ValueError: If a record is broken.
+    """
+    known = results.collect(runs)
+    if known.trials.empty:
+        raise ConfigurationError(
+            f"there is no trial in {str(runs)!r}: usbench run and usbench compare make some."
+        )
+    own = {
+        task: results.digest(runner.resolve("stay", task).environment) for task in set(known.trials["task"])
+    }
+    fits = scores.environments(known.trials) == known.trials["task"].map(own)
+    chosen = known.trials[fits]
+    return Results(chosen, known.curves[known.curves["trial"].isin(chosen["trial"])]), known.trials[~fits]
 
 
 def report(planned: Sequence[TrialConfig], out: Path, path: Path) -> list[Path]:

@@ -129,7 +129,7 @@ def performance_profiles(known: Results, looks: Looks) -> Figure | None:
         axis.fill_between(thresholds, profile.low, profile.high, color=look["color"], alpha=0.12, linewidth=0)
     axis.set_xlabel(f"threshold of the {SCORE}")
     axis.set_ylabel("share of trials above it")
-    axis.set_title(f"Performance profiles over {cells}, 95 % bootstrap band", fontsize=10)
+    axis.set_title(f"Performance profiles, 95 % bootstrap band\n{cells}", fontsize=10)
     drawing.legend(figure, *axis.get_legend_handles_labels())
     return figure
 
@@ -147,11 +147,12 @@ def improvement(known: Results) -> Figure | None:
     axis = axes[0, 0]
     for height, pair in enumerate(pairs.itertuples()):
         axis.plot([pair.low, pair.high], [height, height], color=drawing.COLORS[0], alpha=0.5, **BAR)
-        axis.plot(pair.probability, height, "o", color="black", markersize=5)
+        sure = "none" if np.isnan(pair.low) else "full"
+        axis.plot(pair.probability, height, "o", color="black", fillstyle=sure, markersize=5)
     axis.axvline(0.5, color="black", linestyle=":", linewidth=1)
     axis.set_yticks(range(len(pairs)), pairs["algo"] + " > " + pairs["other"])
     axis.set_xlim(-0.02, 1.02)
-    axis.set_xlabel("probability of improvement, 95 % bootstrap interval")
+    axis.set_xlabel("probability of improvement, 95 % bootstrap interval (hollow: one seed, none)")
     return figure
 
 

@@ -15,6 +15,7 @@ from usbench.tasks import ROWS
 TABLE = "held_out.csv"
 # Of a trial on one phantom: the task on many, and means over its evaluation episodes, greedy actions.
 COLUMNS = ("trial", "task", "episodes", "normalized_score", "return", "success_rate")
+KEYS = ["noise", "task", "agent"]
 # The task with new phantoms in every episode, by the same task on one.
 MANY = {row.single: name for name, row in ROWS.items() if row.single}
 
@@ -51,21 +52,22 @@ def candidates(known: Results) -> pd.DataFrame:
 
 
 def table(known: Results, tested: pd.DataFrame) -> pd.DataFrame:
-    """Return a row per task (on many phantoms), noise and algorithm.
+    """Return a row per noise, task (on many phantoms) and agent: a configuration where a cell has several.
 
     Columns: `seen`, `one` and `many`, each with `_low`, `_high` (95 % interval) and `_seeds`: the score of
     agents trained on one phantom, there and on those never seen, and of agents trained on many, on the same;
     and `gap`, `many` less `one`. NaN where nothing was tested.
     """
     last = known.curves[known.curves["kind"] == SCORED].groupby("trial").tail(1)
-    own = known.trials[known.trials["steps"] > 0].merge(last[["trial", "normalized_score"]], on="trial")
-    elsewhere = candidates(known).drop(columns="task").merge(tested, on="trial")
+    own = scores.agents(known.trials[known.trials["steps"] > 0])
+    own = own.merge(last[["trial", "normalized_score"]], on="trial")
+    elsewhere = own.drop(columns=["task", "normalized_score"]).merge(tested, on="trial")
     parts = {
         "seen": own[own["trial"].isin(elsewhere["trial"])].assign(task=lambda rows: rows["task"].map(MANY)),
         "one": elsewhere,
         "many": own[own["task"].isin(MANY.values())],
     }
-    return pd.DataFrame(_rows(parts), columns=["task", "noise", "algo", *_columns(parts), "gap"])
+    return pd.DataFrame(_rows(parts), columns=[*KEYS, *_columns(parts), "gap"])
 
 
 def _columns(parts: dict[str, pd.DataFrame]) -> list[str]:
@@ -73,12 +75,11 @@ def _columns(parts: dict[str, pd.DataFrame]) -> list[str]:
 
 
 def _rows(parts: dict[str, pd.DataFrame]) -> Iterator[dict[str, object]]:
-    keys = ["task", "noise", "algo"]
     # What was trained on many phantoms alone, or never tested, is in the other tables.
-    for key in sorted(set(parts["one"][keys].itertuples(index=False, name=None))):
-        row: dict[str, object] = dict(zip(keys, key, strict=True))
+    for key in sorted(set(parts["one"][KEYS].itertuples(index=False, name=None))):
+        row: dict[str, object] = dict(zip(KEYS, key, strict=True))
         for part, rows in parts.items():
-            matrix = rows[rows[keys].eq(pd.Series(key, index=keys)).all(axis=1)][
+            matrix = rows[rows[KEYS].eq(pd.Series(key, index=KEYS)).all(axis=1)][
                 ["normalized_score"]
             ].to_numpy(np.float64)
             score, low, high = scores.score_of(matrix).values() if len(matrix) else (np.nan,) * 3

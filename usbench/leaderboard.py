@@ -11,6 +11,7 @@ from usbench import answer, held_out, provenance, results, scores, stats
 from usbench.atomic import atomic_file
 from usbench.results import DRAWN, Results
 from usbench.scores import CELL, ROW, SCORED, cell_name
+from usbench.tasks import ROWS
 
 SCORES = "scores.csv"
 DASH = "–"
@@ -32,10 +33,11 @@ same evaluation episodes with the same draws of noise, and the intervals are for
 of all draws, and the row of the oracle says what it reaches in them. Every agent takes its most probable
 action ("greedy"): value-based agents have no other policy of their own, and advice should be the best there
 is. The score with drawn actions stands beside it, where there are probabilities to draw with. Other columns
-are means over seeds and evaluation episodes. The plane error is counted modulo 180 degrees; success means
-that the last pose is the goal; an episode that never reaches the goal counts with all the steps it could
-have had in "steps to goal". The area under the learning curve is the mean score over training, by the
-trapezoid rule."""
+are means over seeds and evaluation episodes, so that a single collapsed seed shows there rather than in
+the score. The plane error is counted modulo 180 degrees; success means that the last pose is the goal (in
+`setup`, that the cyst's contrast-to-noise ratio is at least 2); an episode that never reaches the goal counts
+with all the steps it could have had in "steps to goal". The area under the learning curve is the mean score
+over training, by the trapezoid rule. A dash stands where a column says nothing about a task."""
 
 
 def files(path: Path) -> Path:
@@ -67,7 +69,7 @@ def markdown(known: Results, tested: pd.DataFrame | None = None) -> str:
         matrices, reasons = scores.matrices(own)
         learners = scores.learners(own)
         if matrices:
-            parts += [f"## {name[0].upper()}{name[1:]} together", _overall(known.trials, matrices)]
+            parts += [f"## {name[0].upper()}{name[1:]} together", _overall(own.trials, matrices)]
         if len(learners) > 1:
             where = "" if name == scores.ALL else f": {name}"
             parts += [f"## Probability of improvement{where}", _improvement(learners)]
@@ -158,7 +160,10 @@ def _cell(rows: pd.DataFrame) -> str:
                 f"{row['seeds']}/{row['seeds_asked']}",
                 _interval(row["score"], row["score_low"], row["score_high"]),
                 _interval(other["score"], other["score_low"], other["score_high"]),
-                *(_number(scale * row[name], digits) for _, name, scale, digits in COLUMNS),
+                *(
+                    DASH if name in ROWS[row["task"]].silent else _number(scale * row[name], digits)
+                    for _, name, scale, digits in COLUMNS
+                ),
                 DASH if row["fixed"] else _number(row["training_minutes"], 1),
             ]
         )
@@ -170,7 +175,7 @@ def _unseen(table: pd.DataFrame) -> str:
     """Return the table of agents trained on one phantom and on many, on phantoms that none has seen."""
     rows = [
         [
-            _agent(row["algo"], learns=True),
+            _agent(row["agent"], learns=True),
             cell_name(row["task"], row["noise"]),
             *(
                 _interval(row[part], row[f"{part}_low"], row[f"{part}_high"])
@@ -185,7 +190,8 @@ def _unseen(table: pd.DataFrame) -> str:
     return (
         "Scores (IQM) with greedy actions of agents that were trained on one phantom or on many: those of "
         "one there, and both on the same phantoms that none of them has met. The gap is what training on "
-        "many brings there. Written by `usbench transfer`.\n\n" + _table(head, rows)
+        "many brings there; where the task with many has other starts (pp), it holds what these bring, too. "
+        "Written by `usbench transfer`.\n\n" + _table(head, rows)
     )
 
 

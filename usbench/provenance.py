@@ -136,14 +136,15 @@ def _environments(trials: pd.DataFrame) -> list[str]:
 
 
 def _seeds(trials: pd.DataFrame) -> list[str]:
-    found = []
+    cells = defaultdict(list)
     for (task, noise), rows in trials[trials["steps"] > 0].groupby(CELL):
-        seeds = {" ".join(map(str, sorted(set(own)))) for _, own in rows.groupby("algo")["seed"]}
-        if len(seeds) > 1:
-            found.append(
-                f"On {cell_name(task, noise)} agents have different seeds: {' / '.join(sorted(seeds))}."
-            )
-    return found
+        algos = defaultdict(list)
+        for algo, seeds in rows.groupby("algo")["seed"]:
+            algos[" ".join(map(str, sorted(set(seeds))))].append(algo)
+        if len(algos) > 1:
+            each = [f"{seeds} for {', '.join(names)}" for seeds, names in sorted(algos.items())]
+            cells["; ".join(each)].append(cell_name(task, noise))
+    return [f"Seeds differ on {' / '.join(names)}: {each}." for each, names in cells.items()]
 
 
 def _versions(finished: pd.DataFrame) -> list[str]:

@@ -132,7 +132,9 @@ def _read(path: Path, columns: Mapping[str, type]) -> pd.DataFrame:
         table = pd.read_csv(path, dtype=str, keep_default_na=False)
         return _typed(table[list(columns)], columns)
     except FileNotFoundError:
-        raise FileNotFoundError(f"there is no {path.name} in {str(path.parent)!r}.") from None
+        raise FileNotFoundError(
+            f"there is no {path.name} in {str(path.parent)!r}: usbench compare writes it there."
+        ) from None
     except (KeyError, ValueError) as error:
         reason = " ".join(str(error).split())
         raise ValueError(f"{path} is not a table of results: {reason}") from error
@@ -155,7 +157,7 @@ def _trial(name: str, state: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "trial": name,
         **{key: config[key] for key in ("task", "noise", "algo", "seed", "steps")},
-        "configuration": _digest({key: value for key, value in config.items() if key != "seed"}),
+        "configuration": digest({key: value for key, value in config.items() if key != "seed"}),
         "status": state.get("status", "missing"),
         "reason": state.get("reason") or "",
         "settings": _settings(config),
@@ -170,11 +172,12 @@ def _settings(config: Mapping[str, Any]) -> str:
     """Return what a configuration sets beside its cell, as flat JSON; the environment as a digest."""
     cell = ("task", "noise", "algo", "seed", "steps", "hyperparameters", "environment")
     flat = {key: value for key, value in config.items() if key not in cell}
-    flat |= config.get("hyperparameters", {}) | {"environment": _digest(config.get("environment", {}))}
+    flat |= config.get("hyperparameters", {}) | {"environment": digest(config.get("environment", {}))}
     return json.dumps(flat, sort_keys=True, default=str)
 
 
-def _digest(value: Mapping[str, Any]) -> str:
+def digest(value: Mapping[str, Any]) -> str:
+    """Return a short name of a configuration or a part of one."""
     canonical = json.dumps(value, sort_keys=True, separators=(",", ":"), default=str)
     return hashlib.sha256(canonical.encode()).hexdigest()[:8]
 

@@ -61,7 +61,9 @@ def cells(results: Results) -> pd.DataFrame:
     without a finished trial holds NaN, and so do the drawn actions of value-based agents: those explore, and
     how much is a setting.
     """
-    asked = seeds_asked(results.trials)
+    asked = {
+        task: seeds_asked(own.trials) for own in parts(results).values() for task in set(own.trials["task"])
+    }
     curves = results.curves[results.curves["kind"] != TRAINING]
     curves = curves.merge(results.trials[["trial", "training_s"]], on="trial")
     rows = []
@@ -73,7 +75,7 @@ def cells(results: Results) -> pd.DataFrame:
             last = own.groupby("trial").tail(1)
             steps = int(trials["steps"].iloc[0])
             names = dict(zip(ROW, row, strict=True)) | {"actions": kind, "steps": steps}
-            seeds = {"seeds": len(last), "seeds_asked": max(len(trials), asked if steps else 0)}
+            seeds = {"seeds": len(last), "seeds_asked": max(len(trials), asked[row[0]] if steps else 0)}
             rows.append(names | seeds | _numbers(own, last))
     columns = [*ROW, "actions", "steps", "seeds", "seeds_asked", *_numbers(curves[:0], curves[:0])]
     return pd.DataFrame(rows, columns=columns)
@@ -182,7 +184,7 @@ def agents(trials: pd.DataFrame) -> pd.DataFrame:
 
 
 def seeds_asked(trials: pd.DataFrame) -> int:
-    """Return how many seeds the learning algorithms were to have, from all of their trials."""
+    """Return how many seeds the learning algorithms were to have, from all of these trials."""
     return int(trials.loc[trials["steps"] > 0, "seed"].nunique())
 
 

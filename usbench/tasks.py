@@ -19,6 +19,7 @@ class Row:
         drawn_starts: In place of that, evaluation episodes from so many different starts; 0 for all of them.
         phantoms: Phantoms of the evaluation, none of which training meets; 0 where there is one for both.
         single: The same task on one phantom, where this one has many.
+        silent: Columns of the leaderboard that say nothing about it.
     """
 
     env_id: str
@@ -30,6 +31,7 @@ class Row:
     drawn_starts: int = 0
     phantoms: int = 0
     single: str = ""
+    silent: tuple[str, ...] = ()
 
 
 ROWS: Mapping[str, Row] = MappingProxyType(
@@ -38,6 +40,7 @@ ROWS: Mapping[str, Row] = MappingProxyType(
             env_id="usbench/FocalPoint-v0",
             entry_point="usbench.envs.focal_point:FocalPointEnv",
             repeats=6,
+            silent=("plane_error_deg",),
         ),
         "pp": Row(
             env_id="usbench/ProbePlane-v0",
@@ -50,6 +53,7 @@ ROWS: Mapping[str, Row] = MappingProxyType(
             repeats=6,
             phantoms=27,
             single="fp",
+            silent=("plane_error_deg",),
         ),
         "pp-random": Row(
             env_id="usbench/ProbePlaneRandom-v0",
@@ -76,6 +80,7 @@ ROWS: Mapping[str, Row] = MappingProxyType(
             env_id="usbench/ImagingSetup-v0",
             entry_point="usbench.envs.imaging_setup:ImagingSetupEnv",
             drawn_starts=56,
+            silent=("final_distance_mm", "plane_error_deg"),
         ),
     }
 )

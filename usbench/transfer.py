@@ -1,28 +1,37 @@
 """Agents that were trained on one phantom, tested on phantoms that they have never seen."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
 import pandas as pd
 import torch
 
-from usbench import held_out, results, runner, suite
+from usbench import held_out, records, results, runner, suite
 from usbench.evaluation import Evaluator
 from usbench.models import load_agent
 from usbench.records import ConfigurationError
 
 
-def write(runs: Path, folder: Path, tell: Callable[[str], None] = lambda _: None) -> Path:
+def write(
+    runs: Path,
+    folder: Path,
+    tell: Callable[[str], None] = lambda _: None,
+    algos: Sequence[str] | None = None,
+) -> Path:
     """Test the agents of a comparison that have not been tested, and write `held_out.csv`; return its path.
+
+    It is written after every test, so that none is lost.
 
     Args:
         runs: Where the comparison's trials are.
         folder: Where its tables are.
-        tell: Told which trial is tested.
+        tell: Told which trial is tested, and what is left out.
+        algos: The algorithms to test; None for all that are not somebody's own, whose code would run.
 
     Raises:
-        ConfigurationError: If there is nothing to test, or a model cannot be opened.
+        ConfigurationError: If there is nothing to test, or trials are missing in `runs`.
+        RuntimeError: If a model cannot be opened; the others are tested.
         FileNotFoundError: If there are no tables.
         ValueError: If they are broken.
     """
@@ -34,20 +43,57 @@ def write(runs: Path, folder: Path, tell: Callable[[str], None] = lambda _: None
         )
     known = held_out.read(folder)
     rows = known[known["trial"].isin(trials["trial"])].to_dict("records")
-    missing = trials[~trials["trial"].isin(known["trial"])]
+    missing = _asked(trials, algos, tell)
+    missing = missing[~missing["trial"].isin(known["trial"])]
+    absent = [name for name in missing["trial"] if not (runs / name / records.TRIAL).is_file()]
+    if absent:
+        raise ConfigurationError(
+            f"{len(absent)} of {len(missing)} trials to test are not in {str(runs)!r}, as {absent[0]}: say "
+            "with --out where they are."
+        )
     torch.set_num_threads(1)  # as in training: the bits do not depend on the machine
     for task in dict.fromkeys(missing["task"].map(held_out.MANY)):
         tell(f"frames of {task}")
         runner.prepare_frames(task)
-    for number, trial in enumerate(missing["trial"], 1):
-        tell(f"trial {number} of {len(missing)}: {trial}")
-        rows.append(test(runs / trial))
+    path, failures = _keep(rows, folder), []
+    for number, (name, algo) in enumerate(missing[["trial", "algo"]].itertuples(index=False, name=None), 1):
+        tell(f"trial {number} of {len(missing)}: {name}")
+        try:
+            rows.append(test(runs / name, algo))
+        except ConfigurationError as error:
+            tell(str(error))
+            failures.append(str(error))
+        else:
+            _keep(rows, folder)
+    if failures:
+        raise RuntimeError(f"{len(failures)} of {len(missing)} trials cannot be tested, as {failures[0]}")
+    return path
+
+
+def _keep(rows: list[dict[str, object]], folder: Path) -> Path:
     return held_out.write(pd.DataFrame(rows, columns=list(held_out.COLUMNS)), folder)
 
 
-def test(trial: Path) -> dict[str, object]:
+def _asked(trials: pd.DataFrame, algos: Sequence[str] | None, tell: Callable[[str], None]) -> pd.DataFrame:
+    """Return the trials of `algos`, or of all whose code is known."""
+    if algos is not None:
+        unknown = sorted({*algos} - {*trials["algo"]})
+        if unknown:
+            raise ConfigurationError(
+                f"there is no finished trial of {unknown[0]!r} on {', '.join(held_out.MANY)}: there are some "
+                f"of {', '.join(sorted(set(trials['algo'])))}."
+            )
+        return trials[trials["algo"].isin(algos)]
+    own = trials["algo"].str.contains(":")
+    if own.any():
+        names = " ".join(sorted(set(trials.loc[own, "algo"])))
+        tell(f"left out, as testing them runs their code: name them with --algos {names}")
+    return trials[~own]
+
+
+def test(trial: Path, algo: str) -> dict[str, object]:
     """Play the evaluation episodes of the task on many phantoms with a trial's greedy actions."""
-    loaded = load_agent(trial)
+    loaded = load_agent(trial, algo=algo)
     config = loaded.config
     task = held_out.MANY[config.task]
     evaluator = Evaluator(task, config.noise, config.n_frames)

@@ -156,9 +156,16 @@ def _add_transfer(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         "transfer",
         parents=[debug],
         help="test agents of one phantom on phantoms never seen",
-        description="Test every agent of a comparison that was trained on one phantom (pp) on the evaluation "
-        "phantoms of the same task with many (pp-random), and write the leaderboard with both side by side: "
-        "usbench compare --tasks pp pp-random, then this. What was tested is not tested again.",
+        description="Test every agent of a comparison that was trained on one phantom (fp, pp) on the "
+        "evaluation phantoms of the same task with many (fp-random, pp-random), and write the leaderboard "
+        "with both side by side: usbench compare --tasks pp pp-random, then this. What was tested is not "
+        "tested again.",
+    )
+    transfer.add_argument(
+        "--algos",
+        nargs="+",
+        metavar="NAME",
+        help="only these (default: all but your own, module:name, whose code is run if they are named)",
     )
     transfer.add_argument(
         "--out", type=Path, default=Path("runs"), help="folder with the comparison's trials (default runs)"

@@ -103,7 +103,7 @@ def test_different_budgets_and_seeds_are_said():
     notes = provenance.notes(tables(trial("vpg"), trial("a2c", seed=1, steps=320)).trials)
     assert notes == [
         "Training budgets on fp differ: 320 steps for a2c; 16064 steps for vpg.",
-        "On fp, noise 0 agents have different seeds: 0 / 1.",
+        "Seeds differ on fp, noise 0: 0 for vpg; 1 for a2c.",
     ]
 
 
