@@ -18,6 +18,9 @@ EXAMPLES = """examples:
   usbench run --algo vpg --task fp --noise 0.25 --seed 3
   usbench run --algo vpg --task pp --preset spinup --set gamma=0.95 --out my_runs
   usbench compare --tasks pp --noise 0 --seeds 2 --steps 1024
+  usbench run --algo dqn --task exam --reward image
+  usbench compare --algos vpg dqn --tasks pp pp-random --noise 0
+  usbench transfer
   usbench leaderboard
   usbench frame --x 10 --depth 35 --angle 60
   usbench watch runs/pp-p0-vpg-s0-f5fd15c6
