@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
-import gzip
+import contextlib
 import math
+import os
 import re
-import struct
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from usbench.envs import nifti
 from usbench.envs.volume import Volume
 
-ENDINGS = (".nii", ".nii.gz", ".mha", ".mhd", ".nrrd", ".nhdr")
+ENDINGS = (*nifti.ENDINGS, ".mha", ".mhd", ".nrrd", ".nhdr")
 MAX_BYTES = 512_000_000
 SPACING_MM = (0.01, 10.0)
-# Where headers hold the spacing: as text, or in NIfTI 1 and 2 (size of the header, offset and type).
+# Where headers of text hold the spacing.
 _SPACING = re.compile(rb"^(ElementSpacing|ElementSize|spacings|space directions)\s*[=:]", re.MULTILINE)
 _HEADER_BYTES = 65_536
-_PIXDIM = ((348, 80, "f"), (540, 112, "d"))
 
 
 def read(path: str | Path) -> Volume:
@@ -28,25 +29,33 @@ def read(path: str | Path) -> Volume:
 
     Raises:
         FileNotFoundError: If there is no such file.
+        IsADirectoryError: If it is a folder.
         ModuleNotFoundError: If SimpleITK is not installed.
         ValueError: If it is no volume of echoes; one sentence says what is wrong and what is allowed.
     """
     path = Path(path)
     if not path.name.lower().endswith(ENDINGS):
         raise ValueError(f"a volume must be a file {', '.join(ENDINGS)}, not {path.name!r}.")
+    if path.is_dir():
+        raise IsADirectoryError(f"a volume must be a file, not the folder {str(path)!r}.")
     if not path.is_file():
         raise FileNotFoundError(f"there is no volume {str(path)!r}.")
     itk = _simple_itk()
     reader = itk.ImageFileReader()
     reader.SetFileName(str(path))
     try:
-        reader.ReadImageInformation()
+        with _silent():
+            reader.ReadImageInformation()
     except RuntimeError as error:
         raise ValueError(f"{str(path)!r} is not a readable NIfTI, MHA or NRRD file.") from error
     _check_voxels(path, itk, reader)
     _check_places(path, reader)
+    if _is_nifti(path):
+        # ITK reads as 0 what is cut off, and what is not finite.
+        _check_finite(path, nifti.read_voxels(path, math.prod(reader.GetSize())))
     try:
-        image = reader.Execute()
+        with _silent():
+            image = reader.Execute()
     except RuntimeError as error:
         raise ValueError(f"the voxels of {str(path)!r} cannot be read: the file is damaged.") from error
     voxels = itk.GetArrayFromImage(image)
@@ -67,6 +76,19 @@ def _simple_itk() -> Any:
             "reading a volume needs SimpleITK: pip install 'usbench[anatomy]'."
         ) from None
     return SimpleITK
+
+
+@contextlib.contextmanager
+def _silent() -> Iterator[None]:
+    """Keep from the terminal what ITK's readers print beside their errors, past Python's sys.stderr."""
+    stderr, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 2)
+    try:
+        yield
+    finally:
+        os.dup2(stderr, 2)
+        os.close(stderr)
+        os.close(nowhere)
 
 
 def _check_voxels(path: Path, itk: Any, header: Any) -> None:
@@ -112,26 +134,26 @@ def _check_places(path: Path, header: Any) -> None:
         raise ValueError(f"the origin of {str(path)!r} must be finite, not {header.GetOrigin()}.")
 
 
+def _is_nifti(path: Path) -> bool:
+    return path.name.lower().endswith(nifti.ENDINGS)
+
+
 def _says_spacing(path: Path) -> bool:
     """Return whether the header holds a spacing; where it does not, ITK takes 1 mm."""
-    name = path.name.lower()
-    if not name.endswith((".nii", ".nii.gz")):
+    if not _is_nifti(path):
         with path.open("rb") as file:
             return bool(_SPACING.search(file.read(_HEADER_BYTES)))
-    with gzip.open(path) if name.endswith(".gz") else path.open("rb") as file:
-        head = file.read(136)
-    for size, offset, kind in _PIXDIM:
-        for order in "<>":
-            if struct.unpack_from(f"{order}i", head)[0] == size:
-                spacing = struct.unpack_from(f"{order}3{kind}", head, offset)
-                return all(math.isfinite(value) and value != 0 for value in spacing)
-    return False
+    return all(math.isfinite(value) and value != 0 for value in nifti.read_header(path).spacing)
+
+
+def _check_finite(path: Path, voxels: npt.NDArray[Any]) -> None:
+    if not np.isfinite([voxels.min(), voxels.max()]).all():
+        raise ValueError(f"the voxels of {str(path)!r} must be finite numbers: some are NaN or infinite.")
 
 
 def _check_values(path: Path, voxels: npt.NDArray[Any]) -> None:
+    _check_finite(path, voxels)
     low, high = voxels.min(), voxels.max()
-    if not np.isfinite([low, high]).all():
-        raise ValueError(f"the voxels of {str(path)!r} must be finite numbers: some are NaN or infinite.")
     if low < 0:
         raise ValueError(
             f"the voxels of {str(path)!r} must be 0 or more, as the strength of an echo is, not {low:g}."
