@@ -66,11 +66,12 @@ class Anatomy(abc.ABC):
             FileNotFoundError: If there is no such file.
             ModuleNotFoundError: If SimpleITK is not installed.
             TypeError: If a setting is unknown or of the wrong type.
-            ValueError: If the file or a setting cannot be used, or the target is not in the image.
+            ValueError: If the file or a setting cannot be used, the probe misses the image, or the target is
+                not in it.
         """
         path = Path(path).resolve()
         anatomy = cls(path=str(path), digest=read(path).digest, target=target or Pose(), **settings)
-        anatomy.at(np.zeros((1, 3)))
+        anatomy.placement.check(anatomy.volume, anatomy.width_mm, anatomy.depth_mm)
         if target is not None:
             anatomy.check_target()
         return anatomy
@@ -86,16 +87,16 @@ class Anatomy(abc.ABC):
         return np.asarray(zero + 1e3 * positions @ axes.T)
 
     def check_target(self) -> None:
-        """Raise ValueError if the target does not lie in the image."""
+        """Raise ValueError if the target does not lie in the image, or below what frames show."""
         half = int(self.width_mm / 2)
         x_mm, depths_mm = np.arange(-half, half + 1), np.arange(int(self.depth_mm) + 1)
         plane = np.array([(x, 0, z) for x in x_mm for z in depths_mm]) * 1e-3
         inside = self.volume.contains(self.at(plane)).reshape(len(x_mm), len(depths_mm))
         _check_within("x_mm", self.target.x_mm, x_mm[inside.any(axis=1)])
-        if self.has_focus:
-            _check_within(
-                "focal_depth_mm", self.target.focal_depth_mm, depths_mm[inside[self.target.x_mm + half]]
-            )
+        # Without a focus, the depth of one that stands for nothing may be below the image.
+        allowed = depths_mm[inside[self.target.x_mm + half]] if self.has_focus else depths_mm[1:]
+        where = "where the image is" if self.has_focus else "as deep as frames are"
+        _check_within("focal_depth_mm", self.target.focal_depth_mm, allowed, where)
 
     @abc.abstractmethod
     def frames(self, poses: Sequence[Pose], array: LinearArray, imaging: Imaging) -> Sequence[Frame]:
@@ -215,9 +216,13 @@ def _scatterers(anatomy: Echogenicity) -> tuple[Array, Array]:
     return positions, amplitudes
 
 
-def _check_within(name: str, value: int, allowed_mm: npt.NDArray[np.int64]) -> None:
+def _check_within(
+    name: str, value: int, allowed_mm: npt.NDArray[np.int64], where: str = "where the image is"
+) -> None:
     if not len(allowed_mm):
-        raise ValueError("no image plane of the probe meets the image: see center_y_mm and skin_mm.")
+        raise ValueError(
+            "no image plane of the probe meets the image: see center_x_mm, center_y_mm and skin_mm."
+        )
     low, high = int(allowed_mm[0]), int(allowed_mm[-1])
     if not low <= value <= high:
-        raise ValueError(f"the target's {name} must be in [{low}, {high}], where the image is, not {value}.")
+        raise ValueError(f"the target's {name} must be in [{low}, {high}], {where}, not {value}.")

@@ -43,6 +43,9 @@ def read_header(path: Path) -> Header:
                 spacing, (code,), (offset,) = (
                     struct.unpack_from(order + kind, head, place) for place, kind in places
                 )
+                # Also of what is no number; ITK holds it in 32 bits.
+                if not abs(offset) < 2**31:
+                    raise _damaged(path)
                 return Header(spacing, np.dtype(order + _TYPES[code]), max(int(offset), size))
     raise ValueError(f"{str(path)!r} is not a readable NIfTI file.")
 

@@ -76,3 +76,20 @@ class Placement:
         low, high = corners.min(axis=0), corners.max(axis=0)
         top = np.array([*(low + high)[:2] / 2, low[2]])
         return axes @ (top + [self.center_x_mm, self.center_y_mm, self.skin_mm]), axes
+
+    def check(self, volume: Volume, width_mm: float, depth_mm: float) -> None:
+        """Raise ValueError if the probe misses the image, wherever it stands on its line of `width_mm`."""
+        _, axes = self.frame(volume)
+        width, height, depth = np.ptp(volume.corners_mm @ axes, axis=0)
+        reach = (width + width_mm) / 2
+        ranges = {
+            "center_x_mm": (-reach, reach),
+            "center_y_mm": (-height / 2, height / 2),
+            "skin_mm": (-depth_mm, depth),
+        }
+        for name, (low, high) in ranges.items():
+            value = getattr(self, name)
+            if not low <= value <= high:
+                raise ValueError(
+                    f"{name} must be in [{low:g}, {high:g}], where the probe meets the image, not {value:g}."
+                )

@@ -78,10 +78,37 @@ def test_a_target_below_the_image_is_refused_where_there_is_a_focus(tissue_file)
         Echogenicity.read(tissue_file, target=Pose(0, 61, 0), placement=placement)
 
 
-@pytest.mark.parametrize("placement", [Placement(center_y_mm=31.0), Placement(skin_mm=-95.0)])
-def test_an_image_that_the_probe_misses_is_refused(tissue_file, placement):
-    with pytest.raises(ValueError, match="center_y_mm and skin_mm"):
-        Recording.read(tissue_file, target=Pose(), placement=placement)
+def test_a_target_below_all_frames_is_refused_where_there_is_no_focus(tissue_file):
+    Recording.read(tissue_file, target=Pose(0, 90, 0))
+    with pytest.raises(ValueError, match=r"focal_depth_mm must be in \[1, 90\], as deep .* not 91"):
+        Recording.read(tissue_file, target=Pose(0, 91, 0))
+
+
+@pytest.mark.parametrize(
+    ("setting", "allowed", "wrong"),
+    [
+        ("center_x_mm", (-80, 80), (-81.0, 500.0)),
+        ("center_y_mm", (-30, 30), (-31.0, 30.5)),
+        ("skin_mm", (-90, 90), (-91.0, 500.0)),
+    ],
+)
+@pytest.mark.parametrize("target", [None, Pose()])
+def test_an_image_that_the_probe_misses_is_refused(tissue_file, setting, allowed, wrong, target):
+    for value in allowed:
+        Recording.read(tissue_file, placement=Placement(**{setting: value}))
+    for value in wrong:
+        said = rf"{setting} must be in \[{allowed[0]}, {allowed[1]}\], .* not {value:g}"
+        with pytest.raises(ValueError, match=said):
+            Recording.read(tissue_file, placement=Placement(**{setting: value}), target=target)
+
+
+def test_a_turned_image_that_the_probe_misses_with_all_its_planes_is_refused(image):
+    # A cube on its edge, of which only the lower one is below the skin: the box around it is met, it is not.
+    turn = np.array([[math.sqrt(0.5), 0, -math.sqrt(0.5)], [0, 1, 0], [math.sqrt(0.5), 0, math.sqrt(0.5)]])
+    path = image(lambda x, y, z: 100 + 0 * x, (21, 21, 21), (2.0,) * 3, directions=turn)
+    placement = Placement(center_x_mm=60, skin_mm=50)
+    with pytest.raises(ValueError, match="no image plane .* see center_x_mm, center_y_mm and skin_mm"):
+        Recording.read(path, target=Pose(), placement=placement)
 
 
 @pytest.mark.parametrize(

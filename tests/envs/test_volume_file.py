@@ -147,6 +147,17 @@ def test_voxels_of_a_nifti_that_are_not_finite_are_refused(tmp_path, value, kind
     assert "some are NaN or infinite" in refusal(path)
 
 
+@pytest.mark.parametrize("offset", [np.nan, np.inf, 1e30])
+def test_a_nifti_whose_voxels_are_nowhere_is_refused(tmp_path, offset):
+    path = nifti_file(tmp_path / "volume.nii")
+    content = bytearray(path.read_bytes())
+    struct.pack_into("<f", content, 108, offset)
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match="cannot be read: the file is damaged"):
+        nifti.read_header(path)
+    refusal(path)
+
+
 def test_a_plain_nifti_with_a_compressed_ones_name_is_refused(tmp_path):
     plain = nifti_file(tmp_path / "volume.nii").rename(tmp_path / "volume.nii.gz")
     assert re.search(r"volume.nii.gz' is not compressed by gzip: .* must be named \.nii", refusal(plain))
