@@ -96,7 +96,11 @@ def test_records_of_strangers_are_refused(file, damage):
         (["frames=filmed", *TARGET], "'recorded'"),
         (["down=up", *TARGET], "'up'"),
         (["dwon=y", *TARGET], "did you mean 'down'"),
-        (["frames=recorded", "seed=1", *TARGET], "unknown setting of a phantom 'seed'"),
+        (
+            ["frames=recorded", "seed=1", *TARGET],
+            "seed is for frames=simulated alone, not for frames=recorded",
+        ),
+        (["frames=recorded", "density_per_mm3=2", *TARGET], "density_per_mm3 is for frames=simulated alone"),
         (["skin_mm", *TARGET], "name=value"),
         (["skin_mm=deep", *TARGET], "'deep'"),
         (
@@ -108,7 +112,11 @@ def test_records_of_strangers_are_refused(file, damage):
             "the nearest, Pose(x_mm=0, focal_depth_mm=50, angle_deg=15)",
         ),
         (["target_x_mm=60"], "[-40, 40]"),
-        (["target_x_mm=far"], "'far'"),
+        (["target_x_mm=far"], "target_x_mm must be a whole number, not 'far'"),
+        (["target_focal_depth_mm=0"], "target_focal_depth_mm must be at least 1, not 0"),
+        (["center_x_mm=500", *TARGET], "center_x_mm must be in [-80, 80], where the probe meets the image"),
+        (["frames=recorded", "target_focal_depth_mm=500"], "focal_depth_mm must be in [1, 90]"),
+        (["target_x_mm=5", *TARGET], "takes target_x_mm once, not 2 times"),
     ],
 )
 def test_settings_that_cannot_be_are_refused_in_one_sentence(capsys, file, settings, said):
@@ -153,6 +161,13 @@ def test_a_frame_to_look_around_needs_no_target(capsys, file, tmp_path):
     )
     assert cli.main([*look, "--out", str(tmp_path / "figure.png")]) == 0
     assert "a recorded image has no rf" in refusal(capsys, *look, "--rf")
+
+
+def test_a_frame_without_the_image_is_refused(capsys, file, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    said = refusal(capsys, "frame", "--phantom", str(file), "frames=recorded", "skin_mm=500")
+    assert "skin_mm must be in [-90, 90], where the probe meets the image, not 500" in said
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.slow

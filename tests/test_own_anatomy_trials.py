@@ -131,7 +131,7 @@ def test_the_same_content_is_the_same_trial_wherever_it_lies(trial, file, tmp_pa
         runner.resolve("vpg", "pp", steps=64),
         resolved(moved),
         resolved(moved, "frames=recorded", "skin_mm=1"),
-        resolved(moved, "frames=recorded", "target_x_mm=5"),
+        resolved(moved, "frames=recorded", "target_focal_depth_mm=40"),
     ]
     assert len({config.hash, *(other.hash for other in others)}) == 5
 

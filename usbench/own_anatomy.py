@@ -1,6 +1,7 @@
 """A user's own anatomy: from the words of a command to the phantom, into the records of a trial, and back."""
 
 import argparse
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
@@ -25,9 +26,13 @@ def asked(words: Sequence[str], *, looking: bool = False) -> Anatomy | None:
         return None
     path, *settings = words
     try:
-        return read(Path(path), dict(map(setting, settings)), looking=looking)
+        pairs = [setting(text) for text in settings]
     except argparse.ArgumentTypeError as error:
         raise ConfigurationError(f"--phantom takes FILE NAME=VALUE ..: {error}.") from error
+    for name, count in Counter(name for name, _ in pairs).items():
+        if count > 1:
+            raise ConfigurationError(f"--phantom takes {name} once, not {count} times.")
+    return read(Path(path), dict(pairs), looking=looking)
 
 
 def read(path: Path, settings: Mapping[str, str], *, looking: bool = False) -> Anatomy:
@@ -50,7 +55,7 @@ def read(path: Path, settings: Mapping[str, str], *, looking: bool = False) -> A
         own = _own(KINDS[kind])
         for name in given:
             if name not in (*TARGET, *PLACEMENT, *own):
-                raise unknown("setting of a phantom", name, ("frames", *TARGET, *PLACEMENT, *own))
+                raise _foreign(name, kind)
         target = {TARGET[name]: value for name, value in given.items() if name in TARGET}
         if not target and not looking:
             raise ValueError(
@@ -59,7 +64,7 @@ def read(path: Path, settings: Mapping[str, str], *, looking: bool = False) -> A
             )
         return KINDS[kind].read(
             path,
-            target=Pose(**target) if target else None,
+            target=_target(target) if target else None,
             placement=Placement(**{name: value for name, value in given.items() if name in PLACEMENT}),
             **{name: value for name, value in given.items() if name in own},
         )
@@ -91,6 +96,22 @@ def recorded(environment: Mapping[str, Any]) -> Anatomy | None:
         return cls(path=path, target=target, placement=placement, **values)
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise ConfigurationError(f"the trial's phantom is not one that can be recorded ({error}).") from error
+
+
+def _target(values: Mapping[str, Any]) -> Pose:
+    try:
+        return Pose(**values)
+    except (TypeError, ValueError) as error:
+        # Begins with the coordinate's name.
+        raise ValueError(f"target_{error}") from error
+
+
+def _foreign(name: str, kind: str) -> ValueError:
+    """Return the error for a setting that `kind` does not have."""
+    for other, cls in KINDS.items():
+        if name in _own(cls):
+            return ValueError(f"{name} is for frames={other} alone, not for frames={kind}.")
+    return unknown("setting of a phantom", name, ("frames", *TARGET, *PLACEMENT, *_own(KINDS[kind])))
 
 
 def _own(cls: type[Anatomy]) -> list[str]:
