@@ -55,7 +55,7 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
     ) -> None:
         """Check the configuration; nothing is simulated before the first reset."""
         self.noise = check_noise(noise)
-        self.reward = check_reward(reward, self.task.rewards)
+        self.reward = check_reward(reward, self.task)
         self.phantom: Tissue = (
             self._fitting(phantom)
             if isinstance(phantom, Anatomy)
@@ -137,16 +137,15 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
                 f"the task {self.task.name!r} has no anatomy of one's own: its reward needs an object whose "
                 "outline is known."
             )
-        moves_focus = any(action.move.focal_depth_mm for action in self.task.actions)
-        if moves_focus and not anatomy.has_focus:
+        if self.task.moves_focus and not anatomy.has_focus:
             raise ValueError(
                 f"a recorded image has a focus of its own, which the task {self.task.name!r} moves: allowed "
                 "are tasks that do not, as 'pp'."
             )
         if self.reward == IMAGE:
             raise ValueError(
-                f"reward must be one of {', '.join(map(repr, REWARDS))} in an anatomy of one's own, not "
-                f"{IMAGE!r}: the standard view is that of the paper's object."
+                f"in an anatomy of one's own the reward cannot be {IMAGE!r}, whose standard view is that of "
+                f"the paper's object: take {REWARDS[0]!r}, the default."
             )
         return anatomy
 

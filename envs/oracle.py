@@ -137,7 +137,7 @@ def policy(
 
 def _kind(task: Task, reward: str) -> str:
     """Return the kind of reward, if `task` has it and poses tell it."""
-    return check_reward(reward, [kind for kind in task.rewards if kind in REWARDS])
+    return check_reward(reward, task, REWARDS)
 
 
 @lru_cache(maxsize=256)

@@ -71,6 +71,11 @@ class Task:
         """Return the pose whose coordinates `values` holds by name, as `info` does."""
         return type(self.states[0])(**{name: values[name] for name in self.coordinates})
 
+    @property
+    def moves_focus(self) -> bool:
+        """Whether an action changes the focal depth."""
+        return any(action.move.focal_depth_mm for action in self.actions)
+
     @cached_property
     def indices(self) -> dict[Pose, int]:
         """The place of every pose in `states`."""
@@ -93,8 +98,13 @@ def check_noise(noise: object) -> float:
     return float(noise)
 
 
-def check_reward(reward: object, allowed: Collection[str] = REWARDS) -> str:
-    """Return the kind of reward, or raise ValueError with the closest name."""
+def check_reward(reward: object, task: Task, kinds: Collection[str] = (*REWARDS, IMAGE)) -> str:
+    """Return the reward if it is one of `kinds` that the task has, or raise ValueError with the closest."""
+    allowed = [kind for kind in task.rewards if kind in kinds]
     if not isinstance(reward, str) or reward not in allowed:
+        if len(task.rewards) == 1:
+            raise ValueError(
+                f"the task {task.name!r} has the reward {task.rewards[0]!r} alone, not {reward!r}."
+            )
         raise unknown("reward", reward, allowed)
     return reward

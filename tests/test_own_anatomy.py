@@ -129,12 +129,19 @@ def test_settings_that_cannot_be_are_refused_in_one_sentence(capsys, file, setti
         (["--task", "fp"], "a focus of its own"),
         (["--task", "exam"], "a focus of its own"),
         (["--task", "setup"], "has no anatomy of one's own"),
-        (["--task", "pp-random"], "phantom is drawn anew in every episode"),
-        (["--reward", "image"], "reward must be one of 'normalized', 'paper'"),
+        (["--task", "pp-random"], "'pp-random' draws its phantoms and takes no --phantom"),
+        (["--task", "fp-random"], "allowed are 'pp'."),
+        (["--reward", "image"], "the reward cannot be 'image'"),
+        (["--reward", "image"], "take 'normalized'"),
     ],
 )
 def test_tasks_that_it_does_not_fit_are_refused(capsys, file, changes, said):
     assert said in refusal(capsys, *RUN, str(file), "frames=recorded", *TARGET, *changes)
+
+
+def test_tasks_that_take_tissue_are_named(capsys, file):
+    said = refusal(capsys, *RUN, str(file), *TARGET, "--task", "pp-random")
+    assert "allowed are 'fp', 'pp', 'exam', 'exam-stop'." in said and "kwargs" not in said
 
 
 def test_a_file_that_is_not_there_is_refused(capsys, tmp_path):

@@ -67,7 +67,9 @@ def resolve(
         n_frames = whole_number("n_frames", n_frames)
         if not 1 <= n_frames <= MAX_FRAMES:
             raise ValueError(f"n_frames must be a whole number in [1, {MAX_FRAMES}], not {n_frames}.")
-        check_reward(reward, [kind for kind in TRAINED_ON if kind in suite.TASKS[task].guidance.rewards])
+        check_reward(reward, suite.TASKS[task].guidance, TRAINED_ON)
+        if anatomy is not None:
+            _check_takes(task, anatomy)
         plain: Any = suite.make_env(task, noise, reward=reward, anatomy=anatomy).unwrapped
         if anatomy is not None:
             _check_reached(anatomy.target, plain.task)
@@ -89,6 +91,21 @@ def resolve(
             **({} if reward == TRUE_REWARD else {"reward": reward}),
         },
     )
+
+
+def _check_takes(task: str, anatomy: Anatomy) -> None:
+    """Raise ValueError if the task draws its phantoms; what else does not fit, its environment refuses."""
+    if suite.TASKS[task].phantoms:
+        allowed = [
+            name
+            for name, row in suite.TASKS.items()
+            if not (row.phantoms or row.guidance.reward_from_frames)
+            and (anatomy.has_focus or not row.guidance.moves_focus)
+        ]
+        raise ValueError(
+            f"the task {task!r} draws its phantoms and takes no --phantom of one's own: allowed are "
+            f"{', '.join(map(repr, allowed))}."
+        )
 
 
 def _check_reached(target: Pose, task: Task) -> None:

@@ -151,7 +151,7 @@ def test_a_recording_has_no_focus_to_be_moved(tissue_file, name):
 
 
 def test_a_reward_from_the_image_of_another_object_is_refused(tissue_file):
-    with pytest.raises(ValueError, match="reward must be one of 'normalized', 'paper' in an anatomy"):
+    with pytest.raises(ValueError, match="the reward cannot be 'image', .* take 'normalized'"):
         gym.make("usbench/ProbePlane-v0", phantom=Recording.read(tissue_file), reward="image")
 
 

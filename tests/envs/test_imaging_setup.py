@@ -179,11 +179,13 @@ def test_other_tasks_have_no_settings(coded):
 
 @pytest.mark.parametrize("kind", ["paper", "image"])
 def test_there_is_one_kind_of_reward(kind):
-    with pytest.raises(ValueError, match=f"unknown reward '{kind}': allowed are 'normalized'"):
+    with pytest.raises(ValueError, match=f"task 'setup' has the reward 'normalized' alone, not '{kind}'"):
         ImagingSetupEnv(reward=kind)
-    with pytest.raises(ValueError, match=f"unknown reward '{kind}': allowed are 'normalized'"):
+    with pytest.raises(ValueError, match=f"task 'setup' has the reward 'normalized' alone, not '{kind}'"):
         returns("setup", reward=kind)
-    with pytest.raises(ConfigurationError, match=f"unknown reward '{kind}': allowed are 'normalized'"):
+    with pytest.raises(
+        ConfigurationError, match=f"task 'setup' has the reward 'normalized' alone, not '{kind}'"
+    ):
         runner.resolve("vpg", "setup", reward=kind)
 
 
