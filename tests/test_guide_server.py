@@ -121,6 +121,10 @@ def test_port_that_is_none_is_refused(port):
         (["nowhere"], "'nowhere' is not the folder of a trial"),
         (["--port", "http"], "port must be a whole number from 0 to 65535, not 'http'."),
         (["--task", "xp"], "unknown task 'xp'"),
+        (
+            ["--task", "setup"],
+            "the guide shows tasks that move the probe alone, not 'setup': allowed are 'fp'",
+        ),
         (["--noise", "2"], "noise must be a probability in [0, 1], not 2."),
         (["--seed", "x"], "seed"),
     ],

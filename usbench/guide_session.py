@@ -202,6 +202,11 @@ class Session:
 
 
 def _task(task: Any, allowed: Collection[str]) -> str:
+    if isinstance(task, str) and task in suite.TASKS and task not in GUIDED:
+        raise ConfigurationError(
+            f"the guide shows tasks that move the probe alone, not {task!r}: allowed are "
+            f"{', '.join(map(repr, allowed))}."
+        )
     if not isinstance(task, str) or task not in allowed:
         raise ConfigurationError(str(unknown("task", task, allowed)))
     return task
