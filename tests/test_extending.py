@@ -2,6 +2,7 @@
 
 import re
 import sys
+from dataclasses import replace
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
@@ -9,6 +10,8 @@ import pytest
 
 from usbench import cli, records
 from usbench.agents import outside, zoo
+from usbench.envs.examination import EXAMINATION
+from usbench.envs.pose import Pose
 
 PAGE = Path(__file__).parents[1] / "docs" / "extending.md"
 SHORT = ["--task", "pp", "--steps", "64", "--quiet"]
@@ -32,6 +35,18 @@ def the_trial(here):
 def test_the_pages_classes_are_short():
     code = re.search(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)[1]
     assert code.count("\n") < 30
+
+
+def test_the_pages_task_is_the_examination():
+    shown = {}
+    exec(re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)[1], shown)
+    functions = {name: getattr(EXAMINATION, name) for name in ("reward", "is_success", "distance_mm")}
+    assert replace(shown["EXAMINATION"], **functions) == EXAMINATION
+    here, there = Pose(5, 35, 30), Pose(-10, 50, 0)
+    for name, function in functions.items():
+        kinds = [("normalized",), ("paper",)] if name == "reward" else [()]
+        for kind in kinds:
+            assert shown[name](here, there, *kind) == function(here, there, *kind)
 
 
 def test_a_class_without_stable_baselines_is_a_trial_like_any_other(here):
