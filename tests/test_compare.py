@@ -131,6 +131,30 @@ def test_trials_in_another_environment_are_left_out_of_the_leaderboard_of_a_fold
     assert list(results.read(tmp_path / "leaderboard_files").trials["trial"]) == [finished.name]
 
 
+def test_trials_of_a_folder_are_added_to_the_tables(finished, no_figures, tmp_path):
+    path = tmp_path / "leaderboard.md"
+    assert cli.main(["leaderboard", "--runs", str(finished.parent), "--leaderboard", str(path)]) == 0
+    before = path.read_bytes()
+    # The same trial again changes nothing.
+    assert cli.main(["leaderboard", "--add", str(finished.parent), "--leaderboard", str(path)]) == 0
+    assert path.read_bytes() == before
+    other = tmp_path / "more" / "other"
+    shutil.copytree(finished, other)
+    state = records.read_state(other)
+    state["config"]["seed"] += 1
+    records.write_state(other, state)
+    assert cli.main(["leaderboard", "--add", str(other.parent), "--leaderboard", str(path)]) == 0
+    trials = results.read(tmp_path / "leaderboard_files").trials
+    assert list(trials["trial"]) == [finished.name, "other"]
+
+
+def test_trials_are_not_added_to_tables_that_are_not_there(finished, here, capsys):
+    assert cli.main(["leaderboard", "--add", str(finished.parent)]) == 1
+    error = capsys.readouterr().err
+    assert "no trials.csv in 'leaderboard_files'" in error and error.count("\n") == 1
+    assert not Path("leaderboard.md").exists()
+
+
 def test_report_of_nothing_is_refused_in_one_sentence(here, capsys):
     assert cli.main(["compare", *FLOOR, "--report-only", "--out", "none"]) == 1
     error = capsys.readouterr().err

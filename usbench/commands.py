@@ -87,16 +87,18 @@ def _run_missing(args: argparse.Namespace, planned: list[TrialConfig], jobs: int
 
 
 def leaderboard(args: argparse.Namespace) -> None:
-    """Write a leaderboard and its figures again, from the tables beside it or from all trials of a folder."""
+    """Write a leaderboard and its figures again: of its tables, of a folder's trials, or of both."""
     from usbench import comparison, figures, leaderboard, results
 
     folder = leaderboard.files(args.leaderboard)
-    if args.runs is not None:
-        known, others = comparison.gather(args.runs)
+    if args.runs is not None or args.add is not None:
+        known, others = comparison.gather(args.runs or args.add)
         for name, task in others[["trial", "task"]].itertuples(index=False, name=None):
             print(
                 f"left out, as it is not {task} as it stands in the table of tasks: {name}", file=sys.stderr
             )
+        if args.add is not None:
+            known = results.joined(results.read(folder), known)
         results.write(known, comparison.prepare(args.leaderboard))
     known = results.read(folder)
     for path in [*leaderboard.write(folder, args.leaderboard), *figures.write(known, folder)]:

@@ -22,6 +22,7 @@ from usbench.records import TrialConfig
 from usbench.tasks import ROWS
 
 TRIALS, CURVES = "trials.csv", "curves.csv"
+ORDER = ["task", "noise", "algo", "configuration", "seed"]
 TRAINING, DRAWN, GREEDY = "training", "drawn", "greedy"
 KINDS = (TRAINING, DRAWN, GREEDY)
 TRAINING_PARTS = 50
@@ -99,13 +100,31 @@ def collect(runs: Path, planned: Collection[TrialConfig] = ()) -> Results:
     twice = trials[trials.duplicated(["configuration", "seed"], keep=False)]
     if not twice.empty:
         raise ValueError(f"{' and '.join(twice['trial'].head(2))} are the same trial: remove one of them.")
-    trials = trials.sort_values(["task", "noise", "algo", "configuration", "seed"], ignore_index=True)
+    trials = trials.sort_values(ORDER, ignore_index=True)
     finished = trials.loc[trials["status"] == "finished", ["trial", "task", "steps"]]
     curves = [_curves(runs, *row) for row in finished.itertuples(index=False, name=None)]
     return Results(
         _typed(trials, TRIAL_COLUMNS),
         _typed(pd.concat(curves) if curves else pd.DataFrame(columns=list(CURVE_COLUMNS)), CURVE_COLUMNS),
     )
+
+
+def joined(known: Results, added: Results) -> Results:
+    """Return the trials of both; of one that both have the `added` one, if it is finished."""
+    kept = _others(known, added.trials[added.trials["status"] == "finished"])
+    new = _others(added, kept.trials)
+    trials = pd.concat([kept.trials, new.trials]).sort_values(ORDER, ignore_index=True)
+    place = {name: number for number, name in enumerate(trials["trial"])}
+    curves = pd.concat([kept.curves, new.curves])
+    curves = curves.sort_values("trial", key=lambda names: names.map(place), kind="stable", ignore_index=True)
+    return Results(trials, curves)
+
+
+def _others(known: Results, trials: pd.DataFrame) -> Results:
+    """Return the results of all trials but `trials`."""
+    own, left_out = (pd.MultiIndex.from_frame(table[ORDER]) for table in (known.trials, trials))
+    rest = known.trials[~own.isin(left_out)]
+    return Results(rest, known.curves[known.curves["trial"].isin(rest["trial"])])
 
 
 def write(results: Results, folder: Path) -> list[Path]:

@@ -139,13 +139,17 @@ def _add_leaderboard(subparsers: Any, debug: argparse.ArgumentParser) -> None:
     leaderboard = subparsers.add_parser(
         "leaderboard",
         parents=[debug],
-        help="write a leaderboard again, from its tables or from every trial in a folder",
+        help="write a leaderboard again, from its tables, from every trial in a folder, or from both",
         description="Write the leaderboard, scores.csv beside it and the figures again, from the tables that "
-        "compare left in the folder beside it (leaderboard_files), or of several comparisons together; no "
-        "trial is run.",
+        "compare left in the folder beside it (leaderboard_files), of several comparisons together, or with "
+        "more trials; no trial is run.",
     )
-    leaderboard.add_argument(
+    source = leaderboard.add_mutually_exclusive_group()
+    source.add_argument(
         "--runs", type=Path, metavar="DIR", help="folder with trials: read all of them, whatever compare read"
+    )
+    source.add_argument(
+        "--add", type=Path, metavar="DIR", help="folder with trials: add them to those of the tables"
     )
     _add_leaderboard_file(leaderboard)
     leaderboard.set_defaults(call=commands.leaderboard)
