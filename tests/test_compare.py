@@ -131,13 +131,14 @@ def test_trials_in_another_environment_are_left_out_of_the_leaderboard_of_a_fold
     assert list(results.read(tmp_path / "leaderboard_files").trials["trial"]) == [finished.name]
 
 
-def test_trials_of_a_folder_are_added_to_the_tables(finished, no_figures, tmp_path):
+def test_trials_of_a_folder_are_added_to_the_tables(finished, no_figures, tmp_path, capsys):
     path = tmp_path / "leaderboard.md"
     assert cli.main(["leaderboard", "--runs", str(finished.parent), "--leaderboard", str(path)]) == 0
     before = path.read_bytes()
     # The same trial again changes nothing.
     assert cli.main(["leaderboard", "--add", str(finished.parent), "--leaderboard", str(path)]) == 0
     assert path.read_bytes() == before
+    assert capsys.readouterr().err == "in the tables already, with the same numbers: 1 of 1\n"
     other = tmp_path / "more" / "other"
     shutil.copytree(finished, other)
     state = records.read_state(other)
@@ -146,6 +147,7 @@ def test_trials_of_a_folder_are_added_to_the_tables(finished, no_figures, tmp_pa
     assert cli.main(["leaderboard", "--add", str(other.parent), "--leaderboard", str(path)]) == 0
     trials = results.read(tmp_path / "leaderboard_files").trials
     assert list(trials["trial"]) == [finished.name, "other"]
+    assert capsys.readouterr().err == ""
 
 
 def test_trials_are_not_added_to_tables_that_are_not_there(finished, here, capsys):

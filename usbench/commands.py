@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from usbench.records import TrialConfig
+    from usbench.results import Results
     from usbench.sweep import Outcome
 
 
@@ -98,11 +99,24 @@ def leaderboard(args: argparse.Namespace) -> None:
                 f"left out, as it is not {task} as it stands in the table of tasks: {name}", file=sys.stderr
             )
         if args.add is not None:
-            known = results.joined(results.read(folder), known)
+            known = _added(results.read(folder), known)
         results.write(known, comparison.prepare(args.leaderboard))
     known = results.read(folder)
     for path in [*leaderboard.write(folder, args.leaderboard), *figures.write(known, folder)]:
         print(path)
+
+
+def _added(before: Results, known: Results) -> Results:
+    """Add trials to those of the tables, and say of those that were there whether they came out the same."""
+    from usbench import results
+
+    same, other = results.repeated(before, known)
+    if same or other:
+        n = len(same) + len(other)
+        print(f"in the tables already, with the same numbers: {len(same)} of {n}", file=sys.stderr)
+    for name in other:
+        print(f"in the tables already, with other numbers: {name}", file=sys.stderr)
+    return results.joined(before, known)
 
 
 def transfer(args: argparse.Namespace) -> None:

@@ -120,6 +120,21 @@ def joined(known: Results, added: Results) -> Results:
     return Results(trials, curves)
 
 
+def repeated(known: Results, added: Results) -> tuple[list[str], list[str]]:
+    """Return the finished trials of both, by name: those with the same numbers, and those with others."""
+    both = known.trials.merge(added.trials, on=[*ORDER, "status"], suffixes=("", "_added"))
+    both = both[both["status"] == "finished"]
+    same: list[str] = []
+    other: list[str] = []
+    for name, name_added in both[["trial", "trial_added"]].itertuples(index=False, name=None):
+        one, two = (
+            table[table["trial"] == trial].drop(columns="trial").reset_index(drop=True)
+            for table, trial in ((known.curves, name), (added.curves, name_added))
+        )
+        (same if one.equals(two) else other).append(name)
+    return same, other
+
+
 def _others(known: Results, trials: pd.DataFrame) -> Results:
     """Return the results of all trials but `trials`."""
     own, left_out = (pd.MultiIndex.from_frame(table[ORDER]) for table in (known.trials, trials))

@@ -134,6 +134,20 @@ def test_trials_that_are_added_to_tables_give_what_all_together_give(tmp_path):
         pd.testing.assert_frame_equal(together.curves, parts[2].curves)
 
 
+def test_of_trials_in_both_those_with_other_numbers_are_told(tmp_path):
+    for seed in range(3):
+        write_trial(tmp_path / "old", config(seed))
+    for seed, reason in ((0, None), (1, "damaged"), (3, None)):
+        folder = write_trial(tmp_path / "new", config(seed), timings={"total_s": 5.0})
+        if reason:
+            with Journal(folder / records.EPISODES) as journal:
+                journal.append([Episode(episode=3, step=99, **facts(-8.0)).as_row()])
+    old, new = (results.collect(tmp_path / name) for name in ("old", "new"))
+    names = list(old.trials["trial"])
+    assert results.repeated(old, new) == ([names[0]], [names[1]])
+    assert results.repeated(old, old) == (names, [])
+
+
 @pytest.mark.parametrize(("old", "new", "wanted"), [
     ("finished", "finished", 2.0), ("failed", "finished", 2.0), ("finished", "failed", 1.0),
 ])  # fmt: skip
