@@ -13,6 +13,16 @@ from tqdm import tqdm
 
 from usbench import records
 from usbench.journal import read_rows
+from usbench.tasks import ROWS
+
+# Title, mean of the episodes, format.
+COLUMNS = (
+    ("return", "return", "{:.2f}"),
+    ("normalised\nscore", "normalized_score", "{:.2f}"),
+    ("final\ndistance", "final_distance_mm", "{:.1f} mm"),
+    ("plane\nerror", "plane_error_deg", "{:.1f} deg"),
+    ("success\nrate", "success_rate", "{:.0%}"),
+)
 
 
 class Bars:
@@ -76,8 +86,10 @@ def trial_table(folder: Path) -> Table:
         "training steps. The returns of random and optimal are exact expectations.",
     )
     table.add_column("agent", no_wrap=True)
-    for name in ("return", "normalised\nscore", "final\ndistance", "plane\nerror", "success\nrate"):
-        table.add_column(name, justify="right", no_wrap=True)
+    silent = ROWS[config["task"]].silent
+    columns = [column for column in COLUMNS if column[1] not in silent]
+    for title, *_ in columns:
+        table.add_column(title, justify="right", no_wrap=True)
     shown = {
         f"{config['algo']}, stochastic": records.means(last[~last["deterministic"]]),
         f"{config['algo']}, deterministic": records.means(last[last["deterministic"]]),
@@ -85,30 +97,30 @@ def trial_table(folder: Path) -> Table:
     }
     for name, means in shown.items():
         score = (means["return"] - anchors["random"]) / (anchors["optimal"] - anchors["random"])
-        table.add_row(
-            name,
-            f"{means['return']:.2f}",
-            f"{score:.2f}",
-            f"{means['final_distance_mm']:.1f} mm",
-            f"{means['plane_error_deg']:.1f} deg",
-            f"{means['success_rate']:.0%}",
-        )
+        values = {**means, "normalized_score": score}
+        table.add_row(name, *(form.format(values[key]) for _, key, form in columns))
     return table
 
 
 def print_trial(folder: Path, figures: dict[str, Path]) -> None:
     """Print the table of a finished trial and where its files are."""
     Console().print(trial_table(folder))
-    config = records.read_state(folder)["config"]
-    rest = config["steps"] % config["hyperparameters"].get("n_steps", 1)
-    if rest:
-        print(
-            f"The last {rest} of {config['steps']} steps were not learned from: "
-            f"an update takes {config['hyperparameters']['n_steps']}."
-        )
+    if unused := not_learned(records.read_state(folder)["config"]):
+        print(unused)
     # Plain prints: a path must not be wrapped.
     for name, path in {"trial folder": folder, **figures}.items():
         print(f"{name + ':':<16}{path}")
+
+
+def not_learned(config: Mapping[str, Any]) -> str:
+    """Return what a trial of so few steps did not learn from, in a sentence; "" if it learned from all."""
+    steps, values = config["steps"], config["hyperparameters"]
+    rest = steps % values.get("n_steps", 1)
+    if rest:
+        return f"The last {rest} of {steps} steps were not learned from: an update takes {values['n_steps']}."
+    if 0 < steps <= values.get("learning_starts", 0):
+        return f"Nothing was learned in {steps} steps: learning starts after {values['learning_starts']}."
+    return ""
 
 
 def print_suite() -> None:
