@@ -20,6 +20,14 @@ FIRST_HELD_OUT = 2**31
 LAST = 2**32 - 1
 
 
+def phantom_number(value: Any) -> int:
+    """Return `value` as the number of a phantom, or raise TypeError or ValueError."""
+    number = whole_number("phantom", value)
+    if not 0 <= number <= LAST:
+        raise ValueError(f"phantom must be a whole number in [0, {LAST}], not {number}.")
+    return number
+
+
 @dataclass(frozen=True)
 class PhantomDistribution:
     """Where the object lies and how it looks: each value drawn evenly, contrast evenly in its logarithm.
@@ -94,9 +102,7 @@ class RandomPhantomEnv(GuidanceEnv):
         number = int(self.np_random.integers(FIRST_HELD_OUT))
         if isinstance(options, dict) and "phantom" in options:
             options = dict(options)
-            number = whole_number("phantom", options.pop("phantom"))
-            if not 0 <= number <= LAST:
-                raise ValueError(f"phantom must be a whole number in [0, {LAST}], not {number}.")
+            number = phantom_number(options.pop("phantom"))
         self.phantom = self.phantoms.phantom(number)
         self.target = self.phantom.target
         self._frames = None

@@ -148,11 +148,16 @@ def search(args: argparse.Namespace) -> None:
 
 def frame(args: argparse.Namespace) -> None:
     """Write what the probe sees from a pose."""
-    from usbench import own_anatomy, still
+    from usbench import own_anatomy, still, view
+    from usbench.records import ConfigurationError
 
-    pose = still.pose(args.x, args.depth, args.angle)
-    path = still.path(args.out, args.kind, pose, args.plain)
-    taken = still.take(pose, args.kind, own_anatomy.asked(args.phantom, looking=True))
+    pose = view.pose(args.x, args.depth, args.angle, args.frequency, args.dynamic_range)
+    if args.phantom and (args.task, args.number) != (None, None):
+        raise ConfigurationError("--phantom is in place of a task's phantom: leave out --task and --number.")
+    phantom = own_anatomy.asked(args.phantom, looking=True) or view.phantom_of(args.task, args.number)
+    label = view.label(args.task, args.number)
+    path = still.path(args.out, args.kind, pose, args.plain, label)
+    taken = still.take(pose, args.kind, phantom, label)
     still.write(taken, path, args.plain)
     print(f"{path}: {taken.kind}, {taken.values.shape} {taken.values.dtype}, {taken.unit}")
 

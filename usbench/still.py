@@ -20,15 +20,13 @@ from usbench.envs.pose import Pose
 from usbench.envs.probe import DEFAULT_ARRAY
 from usbench.envs.rf import simulate_iq, simulate_rf
 from usbench.envs.scanner import HALF_THICKNESS, HALF_WIDTH
+from usbench.envs.settings import in_words, tuned
 from usbench.records import ConfigurationError
 
 KINDS = ("frame", "envelope", "rf")
 # A frame that was not simulated.
 SLICE = "slice"
 FORMATS = (".png", ".npy")
-# As far as the simulator focuses; a focus below the phantom is allowed, as on a scanner.
-DEEPEST_MM = 500
-RANGE_DB = DEFAULT_IMAGING.dynamic_range_db
 # RF is shown on a logarithmic scale: the object hides all tissue otherwise.
 RF_LINEAR = 0.01
 
@@ -43,6 +41,7 @@ class Still:
         values: (height_px, width_px) uint8 of a frame, else (n_samples, n_lines) float32.
         rows: Where the first row begins and the last one ends: depth in mm, of RF time in us.
         unit: Of `values`, in words.
+        label: Whose phantom it is, "" for that of the paper's tasks.
     """
 
     kind: str
@@ -50,70 +49,64 @@ class Still:
     values: npt.NDArray[Any]
     rows: tuple[float, float]
     unit: str
+    label: str = ""
+
+    @property
+    def range_db(self) -> float:
+        """The dynamic range that a frame has, and an envelope is shown with."""
+        return tuned(self.pose, DEFAULT_ARRAY, DEFAULT_IMAGING)[2].dynamic_range_db
 
 
-def pose(x_mm: Any, focal_depth_mm: Any, angle_deg: Any) -> Pose:
-    """Return the pose, on the tasks' grid or off it.
-
-    Raises:
-        ConfigurationError: If a value is not a whole number, or the probe is not on the phantom.
-    """
-    try:
-        found = Pose(x_mm, focal_depth_mm, angle_deg)
-        edge = int(Phantom().width_mm // 2)
-        if abs(found.x_mm) > edge:
-            raise ValueError(f"x_mm must be in [-{edge}, {edge}], where the phantom is, not {found.x_mm}.")
-        if found.focal_depth_mm > DEEPEST_MM:
-            raise ValueError(f"focal_depth_mm must be in [1, {DEEPEST_MM}], not {found.focal_depth_mm}.")
-    except (TypeError, ValueError) as error:
-        raise ConfigurationError(str(error)) from error
-    return found
-
-
-def path(out: Path | None, kind: str, pose: Pose, plain: bool = False) -> Path:
-    """Return the file to write, named after the pose unless `out` says its name.
+def path(out: Path | None, kind: str, pose: Pose, plain: bool = False, label: str = "") -> Path:
+    """Return the file to write, named after phantom and pose unless `out` says its name.
 
     Raises:
         ConfigurationError: If its ending is not one of FORMATS, its folder does not exist, or `plain`, which
             is for the pixels of a frame, is asked of something else.
     """
     if out is None:
-        out = Path(f"{kind}_x{pose.x_mm}_depth{pose.focal_depth_mm}_angle{pose.angle_deg}.png")
+        where = f"x{pose.x_mm}_depth{pose.focal_depth_mm}_angle{pose.angle_deg}"
+        settings = [word.replace(" ", "") for word in in_words(pose)]
+        out = Path("_".join([kind, *([label] if label else []), where, *settings]) + ".png")
     drawing.check_file(out, FORMATS)
     if plain and (kind != "frame" or out.suffix != ".png"):
         raise ConfigurationError("--plain is for a frame as .png: everything else has no pixels to be bare.")
     return out
 
 
-def take(pose: Pose, kind: str = "frame", anatomy: Anatomy | None = None) -> Still:
-    """Simulate what the default array sees of the default phantom, or of an anatomy, or take what is kept.
+def take(pose: Pose, kind: str = "frame", phantom: Phantom | Anatomy | None = None, label: str = "") -> Still:
+    """Simulate what the default array sees of a phantom (None: the default) or anatomy, or take what is kept.
 
     Raises:
-        ConfigurationError: If RF or envelope of a recorded image is asked for.
+        ConfigurationError: If RF, envelope or settings of a recorded image are asked for.
     """
-    phantom, array = anatomy or Phantom(), DEFAULT_ARRAY
+    phantom = Phantom() if phantom is None else phantom
+    if isinstance(phantom, Recording) and (kind != "frame" or in_words(pose)):
+        asked = kind if kind != "frame" else "settings of a scanner"
+        raise ConfigurationError(f"a recorded image has no {asked}: leave it out, or simulate it.")
+    plain, array, imaging = tuned(pose, DEFAULT_ARRAY, DEFAULT_IMAGING)
     if kind == "frame":
-        frame = frame_store(phantom, array, DEFAULT_IMAGING).frame(pose)
-        rows = (0.0, DEFAULT_IMAGING.depth * 1e3)
+        frame = frame_store(phantom, DEFAULT_ARRAY, DEFAULT_IMAGING).frame(pose)
+        rows = (0.0, imaging.depth * 1e3)
         if isinstance(phantom, Recording):
             return Still(SLICE, pose, frame, rows, "255 for the image's largest voxel")
-        return Still(kind, pose, frame, rows, f"0 to 255 for the {RANGE_DB:g} dB up to the frame's maximum")
-    if isinstance(phantom, Recording):
-        raise ConfigurationError(f"a recorded image has no {kind}: leave it out, or simulate it.")
+        unit = f"0 to 255 for the {imaging.dynamic_range_db:g} dB up to the frame's maximum"
+        return Still(kind, pose, frame, rows, unit, label)
     assert isinstance(phantom, Phantom | Echogenicity)
-    positions, amplitudes = phantom.in_view(pose, HALF_WIDTH, HALF_THICKNESS)
+    positions, amplitudes = phantom.in_view(plain, HALF_WIDTH, HALF_THICKNESS)
     scene = (positions, amplitudes, array, pose.focal_depth_mm * 1e-3)
+    attenuation = phantom.attenuation_db_per_cm_mhz
     if kind == "rf":
-        rf, time = simulate_rf(*scene)
+        rf, time = simulate_rf(*scene, attenuation_db_per_cm_mhz=attenuation)
         unit = f"arbitrary units, {array.rf_sampling_frequency / 1e6:g} MHz from time 0"
-        return Still(kind, pose, rf, _edges(time * 1e6), unit)
-    iq, time = simulate_iq(*scene, max_depth=DEFAULT_IMAGING.depth)
+        return Still(kind, pose, rf, _edges(time * 1e6), unit, label)
+    iq, time = simulate_iq(*scene, max_depth=imaging.depth, attenuation_db_per_cm_mhz=attenuation)
     depths_mm = array.speed_of_sound * (time - array.pulse_delay) / 2 * 1e3
     unit = (
         f"arbitrary units, {array.iq_sampling_frequency / 1e6:g} MHz from time 0 "
         f"(a depth of {depths_mm[0]:.2f} mm)"
     )
-    return Still(kind, pose, envelope(iq), _edges(depths_mm), unit)
+    return Still(kind, pose, envelope(iq), _edges(depths_mm), unit, label)
 
 
 def write(still: Still, path: Path, plain: bool = False) -> None:
@@ -159,16 +152,19 @@ def figure(still: Still) -> Figure:
         axes.set_ylabel("time (µs)")
     title = {"frame": "B-mode frame", SLICE: "Slice", "envelope": "Envelope", "rf": "RF"}[still.kind]
     focus = "" if still.kind == SLICE else f"focus {still.pose.focal_depth_mm} mm, "
-    where = f"x {still.pose.x_mm} mm, {focus}angle {still.pose.angle_deg}°"
-    axes.set_title(f"{title}\n{where}", fontsize=10)
+    where = ", ".join(
+        [f"x {still.pose.x_mm} mm", f"{focus}angle {still.pose.angle_deg}°", *in_words(still.pose)]
+    )
+    axes.set_title(f"{title}{still.label and f', {still.label}'}\n{where}", fontsize=10)
     return drawn
 
 
 def _shades(still: Still) -> tuple[npt.NDArray[Any], Normalize, str]:
     """Return the values to show, how they become shades of grey, and what they are."""
+    range_db = still.range_db
     if still.kind == "frame":
-        decibels = still.values / 255 * RANGE_DB - RANGE_DB
-        return decibels, Normalize(-RANGE_DB, 0.0), "dB relative to the frame's maximum"
+        decibels = still.values / 255 * range_db - range_db
+        return decibels, Normalize(-range_db, 0.0), "dB relative to the frame's maximum"
     if still.kind == SLICE:
         return still.values, Normalize(0, 255), "grey level"
     # Silence, where the probe sees no scatterer, is divided by 1.
@@ -176,8 +172,8 @@ def _shades(still: Still) -> tuple[npt.NDArray[Any], Normalize, str]:
     if still.kind == "rf":
         norm = SymLogNorm(RF_LINEAR, vmin=-1.0, vmax=1.0)
         return relative, norm, f"amplitude relative to the largest, linear within ±{RF_LINEAR:g}"
-    decibels = 20 * np.log10(np.maximum(relative, 10 ** (-RANGE_DB / 20)))
-    return decibels, Normalize(-RANGE_DB, 0.0), "dB relative to the envelope's maximum"
+    decibels = 20 * np.log10(np.maximum(relative, 10 ** (-range_db / 20)))
+    return decibels, Normalize(-range_db, 0.0), "dB relative to the envelope's maximum"
 
 
 def _edges(centers: npt.NDArray[np.float64]) -> tuple[float, float]:

@@ -12,6 +12,9 @@ FRAME_EXAMPLES = """examples:
   usbench frame --x 10 --depth 35 --angle 60 --plain --out frame.png
       the 90 x 40 pixels of 1 mm that an agent sees
   usbench frame --depth 37 --rf --out rf.npy
+  usbench frame --task setup --frequency 3 --dynamic-range 40
+  usbench frame --task pp-random --number 7 --angle 30
+      the phantom of an episode, whose records name it
   usbench frame --angle 30 --phantom spine.mha frames=recorded
       of a volume of your own (docs/anatomy.md)
 """
@@ -58,13 +61,24 @@ def _add_frame(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         parents=[debug],
         epilog=FRAME_EXAMPLES,
         help="what the probe sees from a pose, as a picture or as numbers",
-        description="Write what the probe sees of the default phantom, or of a 3-D image, from a pose: the "
+        description="Write what the probe sees of a task's phantom, or of a 3-D image, from a pose: the "
         "B-mode frame, its envelope or its RF, as a figure to scale (.png) or as numbers (.npy).",
     )
     frame.add_argument("--x", type=number, default=0, metavar="MM", help="of the probe's centre (default 0)")
     frame.add_argument("--depth", type=number, default=50, metavar="MM", help="of the focus (default 50)")
     frame.add_argument(
         "--angle", type=number, default=0, metavar="DEG", help="clockwise from above (default 0)"
+    )
+    frame.add_argument("--frequency", type=number, metavar="MHZ", help="centre frequency (default 3.5)")
+    frame.add_argument(
+        "--dynamic-range", type=number, metavar="DB", help="shown below the maximum (default 60)"
+    )
+    frame.add_argument("--task", metavar="NAME", help="whose phantom (default: that of fp and pp)")
+    frame.add_argument(
+        "--number",
+        type=number,
+        metavar="N",
+        help="which phantom of a task with many, from 2147483648 on those of the evaluation (default 0)",
     )
     kind = frame.add_mutually_exclusive_group()
     kind.add_argument("--rf", action="store_const", const="rf", dest="kind", help="RF of the 64 lines")
