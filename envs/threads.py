@@ -6,6 +6,7 @@ import os
 import threading
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
 from typing import TypeVar
 
 _Item = TypeVar("_Item")
@@ -30,9 +31,18 @@ def in_parallel(work: Callable[[_Item], _Result], items: Iterable[_Item]) -> lis
     n = n_threads()
     if n == 1:
         return [work(item) for item in items]
-    with ThreadPoolExecutor(n, initializer=_become_worker) as pool:
-        return list(pool.map(work, items))
+    return list(_pool(n).map(work, items))
+
+
+# Kept: to start threads takes a few hundredths of a frame, and far longer where others use the cores.
+@lru_cache(maxsize=1)
+def _pool(n: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(n, "usbench", initializer=_become_worker)
 
 
 def _become_worker() -> None:
     _here.is_worker = True
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_pool.cache_clear)  # threads stay behind

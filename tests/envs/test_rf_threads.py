@@ -2,12 +2,13 @@
 
 import hashlib
 import multiprocessing
+import threading
 
 import numpy as np
 import pytest
 from echoes import CLOUD, SMALL, WEIGHTS
 
-from usbench.envs import elevation, response
+from usbench.envs import elevation, response, threads
 from usbench.envs.probe import LinearArray
 from usbench.envs.rf import simulate_iq
 
@@ -41,3 +42,20 @@ def test_a_forked_child_computes_the_same():
     here = _digest()
     with multiprocessing.get_context("fork").Pool(1) as pool:
         assert pool.apply_async(_digest).get(timeout=60) == here
+
+
+def test_threads_stay_and_what_they_call_uses_one(monkeypatch):
+    monkeypatch.setenv("USBENCH_THREADS", "3")
+    seen = [threads.in_parallel(lambda _: (threading.get_ident(), threads.n_threads()), range(30))]
+    before = threading.active_count()
+    seen.append(threads.in_parallel(lambda _: (threading.get_ident(), threads.n_threads()), range(30)))
+    assert threading.active_count() == before
+    assert {n for _, n in seen[0] + seen[1]} == {1} and threads.n_threads() == 3
+    assert len({thread for thread, _ in seen[0] + seen[1]} | {threading.get_ident()}) <= 4
+
+
+def test_error_in_a_thread_is_raised_where_the_work_was_asked_for(monkeypatch):
+    monkeypatch.setenv("USBENCH_THREADS", "2")
+    with pytest.raises(ZeroDivisionError):
+        threads.in_parallel(lambda n: 1 / n, [1, 0])
+    assert threads.in_parallel(lambda n: 1 / n, [1, 2]) == [1.0, 0.5]
