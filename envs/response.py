@@ -160,15 +160,15 @@ def _joined(orders: list[int], depths: Floats, u_step: float, rows: list[Rows]) 
     low = _around(np.where(heard, start, _FAR), np.minimum, next_ones=True)
     high = _around(np.where(heard, start + length, -_FAR), np.maximum, next_ones=True)
     used = high > low
-    # Parts of a cell begin whole blocks apart: adding one to what was only just stored would stall otherwise.
-    earliest = low.min(axis=0)
-    low = np.where(used, earliest + (low - earliest) // BLOCK * BLOCK, low)
-    high = np.where(used, low + -(-(high - low) // BLOCK) * BLOCK, high)
+    # All begin and end at whole blocks: vectors across two lines of the processor's cache are slow to load,
+    # and adding to what was only just stored would stall.
+    low = np.where(used, low // BLOCK * BLOCK, low)
+    high = np.where(used, -(-high // BLOCK) * BLOCK, high)
     first, last = _around(low, np.minimum), _around(high, np.maximum)
     padded = np.maximum(last - first, 0)
     origins = (np.cumsum(padded) - padded.ravel()).reshape(padded.shape) - first
     index = np.repeat((origins + start)[heard], length[heard]) + _ramps(length[heard])
-    real, imag = np.zeros((2, int(padded.sum())), dtype=np.float32)
+    real, imag = (_aligned_zeros(int(padded.sum())) for _ in range(2))
     waveforms = np.concatenate([part.kept[q] for q in range(len(orders)) for part in rows])
     real[index], imag[index] = waveforms.real, waveforms.imag
 
@@ -178,7 +178,7 @@ def _joined(orders: list[int], depths: Floats, u_step: float, rows: list[Rows]) 
     parts = np.stack([*corners, low[q, i, j], (high - low)[q, i, j], np.array(orders)[q]], axis=1)
     n_parts = used[:, :-1, :-1].sum(axis=0)
     first, last = low[:, :-1, :-1].min(axis=0), high[:, :-1, :-1].max(axis=0)
-    samples = np.where(n_parts > 0, -(-(last - first) // BLOCK) * BLOCK, 0)
+    samples = np.where(n_parts > 0, last - first, 0)
     before = (np.cumsum(n_parts) - n_parts.ravel()).reshape(n_parts.shape)
     cells = np.stack([before, n_parts, first, samples], axis=2).astype(np.int32)
     waves = np.concatenate([part.waves for part in rows], axis=1)
@@ -187,6 +187,13 @@ def _joined(orders: list[int], depths: Floats, u_step: float, rows: list[Rows]) 
     return ResponseTable(
         depths, u_step, real, imag, cells, farther[:-1], parts.astype(np.int32), waves[q, i, j], span
     )
+
+
+def _aligned_zeros(n: int) -> npt.NDArray[np.float32]:
+    """Return `n` zeros at an address that is a multiple of a vector's size."""
+    values = np.zeros(n + LANES, dtype=np.float32)
+    first = -values.ctypes.data // values.itemsize % LANES
+    return values[first : first + n]
 
 
 def _around(
