@@ -169,6 +169,11 @@ def _frames(finished: pd.DataFrame) -> list[str]:
         frames = rows.set_index("trial")["frames"].replace("", "not recorded")
         if frames.nunique() > 1:
             found.append(f"Frames of {task} differ between trials (their digests): {_counted(frames)}.")
+    if found:
+        found.append(
+            "Frames differ with the simulator's version, and with the kind of processor, as each rounds "
+            "otherwise: there tens of pixels in a million by one grey level (`benchmarks/processors.py`)."
+        )
     return found
 
 

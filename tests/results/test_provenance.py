@@ -112,10 +112,12 @@ def test_different_versions_and_frames_are_said():
         trial("vpg", seed=3, versions="numpy 2.0, torch 2.4", frames="def"),
         trial("vpg", task="pp", seed=3, frames="other task"),
     ]
-    assert provenance.notes(tables(*trials).trials) == [
+    *notes, why = provenance.notes(tables(*trials).trials)
+    assert notes == [
         "Versions of torch differ between trials: 2.5 in 4, 2.4 in 1 (`fp-p0-vpg-s3`).",
         "Frames of fp differ between trials (their digests): abc in 3, def in 1 (`fp-p0-vpg-s3`).",
     ]
+    assert "kind of processor" in why
 
 
 def test_version_that_only_some_recorded_is_said():
