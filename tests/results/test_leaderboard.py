@@ -106,6 +106,12 @@ def test_environments_with_exact_returns_of_their_own_are_said():
     assert "## All cells together" not in text and "no algorithm has finished trials in every cell" in text
 
 
+def test_anchors_that_differ_by_less_than_is_shown_are_the_same():
+    trials = [trial("vpg"), trial("vpg", seed=1, random=-21.00004, stay=-22.59996)]
+    text = leaderboard.markdown(tables(*trials))
+    assert "Exact returns: optimum -5.00 (score 1), random hand -21.00 (score 0), never moving -22.60" in text
+
+
 def test_agent_outside_the_table_of_all_cells_is_explained():
     known = tables(*seeds("vpg", [0.5, 0.6]), *seeds("vpg", [0.5, 0.6], task="pp"), trial("ppo", 0.9))
     assert (
