@@ -8,7 +8,7 @@ from usbench.envs.bmode import DEFAULT_IMAGING
 from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Pose, whole_number
 from usbench.envs.probe import DEFAULT_ARRAY
-from usbench.envs.random_phantoms import RandomPhantomEnv, phantom_number
+from usbench.envs.random_phantoms import PhantomDistribution, RandomPhantomEnv, phantom_number
 from usbench.envs.settings import Setup
 from usbench.envs.task import unknown
 from usbench.records import ConfigurationError
@@ -39,11 +39,14 @@ def pose(
         if frequency_mhz is None and dynamic_range_db is None:
             return found
         frequency_mhz = DEFAULT_ARRAY.center_frequency / 1e6 if frequency_mhz is None else frequency_mhz
-        range_db = DEFAULT_IMAGING.dynamic_range_db if dynamic_range_db is None else dynamic_range_db
+        range_db = whole_number(
+            "dynamic_range_db",
+            DEFAULT_IMAGING.dynamic_range_db if dynamic_range_db is None else dynamic_range_db,
+        )
         if not isinstance(frequency_mhz, int | float) or not _within(frequency_mhz, FREQUENCY_MHZ):
             low, high = FREQUENCY_MHZ
             raise ValueError(f"frequency must be in [{low:g}, {high:g}] MHz, not {frequency_mhz!r}.")
-        if not _within(whole_number("dynamic_range_db", range_db), RANGE_DB):
+        if not _within(range_db, RANGE_DB):
             raise ValueError(f"dynamic_range_db must be in [{RANGE_DB[0]}, {RANGE_DB[1]}], not {range_db}.")
         return Setup(found.x_mm, found.focal_depth_mm, found.angle_deg, round(frequency_mhz * 1e3), range_db)
     except (TypeError, ValueError) as error:
@@ -72,7 +75,8 @@ def phantom_of(task: str | None, number: Any = None) -> Phantom:
             raise unknown("task", task, ROWS)
         environment: Any = load_env_creator(ROWS[task or PAPER[0]].entry_point)
         if issubclass(environment, RandomPhantomEnv):
-            return environment.distribution.phantom(phantom_number(0 if number is None else number))
+            phantoms: PhantomDistribution = environment.distribution
+            return phantoms.phantom(phantom_number(0 if number is None else number))
         if number is not None:
             many = " and ".join(name for name, row in ROWS.items() if row.phantoms)
             raise ValueError(f"--number is for {many}: every other task has one phantom.")
