@@ -17,6 +17,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -127,16 +128,16 @@ def speed(n: int) -> Iterator[Row]:
 
     Focal depths take turns, so that a moment in which others use the cores is no single depth's.
     """
-    poses = {depth: Pose(0, depth) for depth in range(5, 95, 5)}
-    keep_tables(len(poses))
     phantom = Phantom()
     phantom.in_view(Pose())
-    scan(phantom, Pose(0, 45))
-    first = {depth: seconds(lambda pose=pose: scan(phantom, pose)) for depth, pose in poses.items()}  # type: ignore[misc]
-    timed: dict[int, list[float]] = {depth: [] for depth in poses}
+    frames = {depth: partial(scan, phantom, Pose(0, depth)) for depth in range(5, 95, 5)}
+    keep_tables(len(frames))
+    frames[45]()
+    first = {depth: seconds(frame) for depth, frame in frames.items()}
+    timed: dict[int, list[float]] = {depth: [] for depth in frames}
     for _ in range(ROUNDS):
-        for depth, pose in poses.items():
-            timed[depth] += [seconds(lambda pose=pose: scan(phantom, pose)) for _ in range(n)]  # type: ignore[misc]
+        for depth, frame in frames.items():
+            timed[depth] += [seconds(frame) for _ in range(n)]
     rates = {depth: 1 / statistics.median(times) for depth, times in timed.items()}
     slowest = min(rates, key=lambda depth: rates[depth])
     yield "frames per second, pose to pixels, focus 50 mm", f"{rates[50]:.0f}", "150"

@@ -16,7 +16,7 @@ from usbench.tasks import PAPER, ROWS
 
 # As far as the simulator focuses; a focus below the phantom is allowed, as on a scanner.
 DEEPEST_MM = 500
-# Below, the array is smaller than a wavelength or so; above, it is sampled too coarsely.
+# As scanners have with such an array; its pulses are sampled finely enough for it.
 FREQUENCY_MHZ = (1.0, 10.0)
 RANGE_DB = (1, 200)
 
