@@ -152,7 +152,8 @@ def improvement(known: Results) -> Figure | None:
     axis.axvline(0.5, color="black", linestyle=":", linewidth=1)
     axis.set_yticks(range(len(pairs)), pairs["algo"] + " > " + pairs["other"])
     axis.set_xlim(-0.02, 1.02)
-    axis.set_xlabel("probability of improvement, 95 % bootstrap interval (hollow: one seed, none)")
+    hollow = " (hollow: one seed, none)" if pairs["low"].isna().any() else ""
+    axis.set_xlabel(f"probability of improvement, 95 % bootstrap interval{hollow}")
     return figure
 
 

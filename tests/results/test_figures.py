@@ -116,3 +116,9 @@ def test_tasks_of_one_noise_stand_beside_each_other():
 def test_unknown_format_is_refused(tmp_path):
     with pytest.raises(ValueError, match=r"png, svg, pdf, not 'a\.bmp'"):
         drawing.save(figures.draw(tables(*GRID))["performance_profiles"], tmp_path / "a.bmp")
+
+
+@pytest.mark.parametrize(("n_seeds", "said"), [(1, True), (2, False)])
+def test_hollow_points_are_explained_where_there_are_any(n_seeds, said):
+    known = tables(*seeds("vpg", [0.5, 0.6][:n_seeds]), *seeds("ppo", [0.7, 0.8][:n_seeds]))
+    assert ("hollow" in figures.improvement(known).axes[0].get_xlabel()) == said
