@@ -65,8 +65,10 @@ class _NormReluPool(torch.autograd.Function):
         factor = weight * scale
         slope = factor * scale * to_weight * (maps.shape[1] / maps.numel())
         offset = slope * mean - factor * to_bias * (maps.shape[1] / maps.numel())
+        # In another layout than the maps', those would be copied there and back.
+        to_largest = (gradient * _column(factor)).contiguous(memory_format=torch.channels_last)
         to_maps = torch.ops.aten.max_pool2d_with_indices_backward(
-            gradient * _column(factor), maps, [2, 2], [2, 2], [0, 0], [1, 1], False, indices
+            to_largest, maps, [2, 2], [2, 2], [0, 0], [1, 1], False, indices
         )
         return (
             to_maps.addcmul_(maps, _column(slope), value=-1).add_(_column(offset)),

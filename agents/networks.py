@@ -128,7 +128,14 @@ class Block(nn.Sequential):
         maps = functional.conv2d(images, weight, norm.bias - mean * scale, padding=1)
         # Pooling first: the same result, with a quarter of the pixels left for ReLU.
         result: torch.Tensor = relu(pool(maps))
+        if result.requires_grad:
+            result.register_hook(_channels_last)  # type: ignore[no-untyped-call]
         return result
+
+
+def _channels_last(gradient: torch.Tensor | None) -> torch.Tensor | None:
+    """The same gradient in the maps' layout: in another one, max-pooling copies the maps' there and back."""
+    return None if gradient is None else gradient.contiguous(memory_format=torch.channels_last)
 
 
 def _copy(norm: nn.BatchNorm2d) -> tuple[torch.Tensor, torch.Tensor]:

@@ -178,7 +178,8 @@ class Phantom:
         """Return positions (n, 3) m in the probe's frame and amplitudes (n,) of what is seen from `pose`."""
         positions = pose.to_probe(self.positions)
         seen = (np.abs(positions[:, 0]) <= half_width_m) & (np.abs(positions[:, 1]) <= half_thickness_m)
-        return positions[seen], self.amplitudes[seen]
+        which = np.flatnonzero(seen)  # several times as fast as the mask
+        return positions.take(which, axis=0), self.amplitudes.take(which)
 
 
 # Outside the dataclass, so that a pickled phantom is its configuration and not half a megabyte of arrays.
