@@ -94,10 +94,11 @@ class Block(nn.Sequential):
         super().__init__(convolution, nn.BatchNorm2d(n_out), nn.ReLU(), nn.MaxPool2d(2))
         self.batch_statistics = batch_statistics
         self._held: tuple[torch.Tensor, torch.Tensor] | None = None
+        self._kept: tuple[list[tuple[int, int]], tuple[torch.Tensor, torch.Tensor]] | None = None
 
     def train(self, mode: bool = True) -> Self:
-        """As in PyTorch; the update that begins or ends here lets go of the statistics that it held."""
-        self._held = None
+        """As in PyTorch; the update that begins or ends here lets go of what was held and kept."""
+        self._held = self._kept = None
         return super().train(mode)
 
     def forward(self, images: torch.Tensor) -> torch.Tensor:
@@ -105,6 +106,8 @@ class Block(nn.Sequential):
         convolution, norm, relu, pool = self
         assert isinstance(norm, nn.BatchNorm2d)
         result: torch.Tensor
+        if torch.is_grad_enabled():
+            self._kept = None  # a step may follow
         if not (self.training and torch.is_grad_enabled()):
             return self._folded(images)
         if not self.batch_statistics:
@@ -120,17 +123,38 @@ class Block(nn.Sequential):
 
     def _folded(self, images: torch.Tensor) -> torch.Tensor:
         """The layers with the held or else the running statistics, batch norm as part of the convolution."""
-        convolution, norm, relu, pool = self
-        assert isinstance(convolution, nn.Conv2d) and isinstance(norm, nn.BatchNorm2d)
-        mean, var = self._held or _copy(norm)
-        scale = norm.weight * torch.rsqrt(var + norm.eps)
-        weight = convolution.weight * scale[:, None, None, None]
-        maps = functional.conv2d(images, weight, norm.bias - mean * scale, padding=1)
+        relu, pool = self[2], self[3]
+        weight, bias = self._weights() if torch.is_grad_enabled() else self._weights_to_act()
+        maps = functional.conv2d(images, weight, bias, padding=1)
         # Pooling first: the same result, with a quarter of the pixels left for ReLU.
         result: torch.Tensor = relu(pool(maps))
         if result.requires_grad:
             result.register_hook(_channels_last)  # type: ignore[no-untyped-call]
         return result
+
+    def _weights(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """Weight and bias of the convolution with batch norm in it."""
+        convolution, norm, *_ = self
+        assert isinstance(convolution, nn.Conv2d) and isinstance(norm, nn.BatchNorm2d)
+        mean, var = self._held or _copy(norm)
+        scale = norm.weight * torch.rsqrt(var + norm.eps)
+        return convolution.weight * scale[:, None, None, None], norm.bias - mean * scale
+
+    def _weights_to_act(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """The same, kept from step to step until a parameter changes.
+
+        Not in networks that a target network may stand beside: that one changes behind `.data`, unseen.
+        """
+        if not self.batch_statistics:
+            return self._weights()
+        convolution, norm, *_ = self
+        assert isinstance(convolution, nn.Conv2d) and isinstance(norm, nn.BatchNorm2d)
+        assert norm.running_mean is not None and norm.running_var is not None
+        sources = convolution.weight, norm.weight, norm.bias, norm.running_mean, norm.running_var
+        state = [(tensor.data_ptr(), tensor._version) for tensor in sources]
+        if self._kept is None or self._kept[0] != state:
+            self._kept = state, self._weights()
+        return self._kept[1]
 
 
 def _channels_last(gradient: torch.Tensor | None) -> torch.Tensor | None:

@@ -1,11 +1,13 @@
 import importlib.util
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
 import pytest
 import torch
+from stable_baselines3.common.utils import polyak_update
 from torch import nn
 
 from usbench.agents.networks import Block, ConvTrunk, ProjectedTrunk
@@ -120,6 +122,53 @@ def test_first_batch_of_an_update_moves_the_statistics_and_the_update_does_not_s
     start = norm.running_mean.clone()
     block.train()(images)
     torch.testing.assert_close(norm.running_mean, 0.9 * start + 0.1 * means[0], rtol=1e-4, atol=1e-5)
+
+
+def step(block: Block) -> None:
+    # Fused, it leaves the versions of tensors as they are.
+    optimizer = torch.optim.Adam(block.parameters(), lr=0.1, fused=True)
+    block(torch.randn(2, 4, 6, 6)).sum().backward()
+    optimizer.step()
+
+
+def move_statistics(block: Block) -> None:
+    block[1].running_mean.lerp_(torch.ones(16), 0.5)
+
+
+CHANGES = {
+    "a step of an optimizer": step,
+    "moving statistics": move_statistics,
+    "loading": lambda block: block.load_state_dict(Block(4, 16).state_dict()),
+    "a vector of parameters": lambda block: nn.utils.vector_to_parameters(
+        2 * nn.utils.parameters_to_vector(block.parameters()), block.parameters()
+    ),
+}
+
+
+@pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES.keys())
+def test_acting_sees_every_change(change: Callable[[Block], object]) -> None:
+    torch.manual_seed(0)
+    block, images = Block(4, 16).eval(), torch.randn(3, 4, 6, 6)
+    with torch.no_grad():
+        before = block(images)
+        torch.testing.assert_close(block(images), before, rtol=0, atol=0)
+    change(block)
+    with torch.no_grad():
+        found, expected = block(images), nn.Sequential(*block)(images)
+    torch.testing.assert_close(found, expected)
+    assert not torch.allclose(found, before)
+
+
+def test_a_target_network_sees_its_updates() -> None:
+    torch.manual_seed(0)
+    one, target = Block(4, 16, batch_statistics=False), Block(4, 16, batch_statistics=False)
+    images = torch.randn(3, 4, 6, 6)
+    for network in (one, target):
+        with torch.no_grad():
+            network.eval()(images)
+    polyak_update(one.parameters(), target.parameters(), 1.0)
+    with torch.no_grad():
+        torch.testing.assert_close(target(images), one(images))
 
 
 def test_second_derivatives_exist() -> None:
