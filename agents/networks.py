@@ -106,26 +106,26 @@ class Block(nn.Sequential):
         convolution, norm, relu, pool = self
         assert isinstance(norm, nn.BatchNorm2d)
         result: torch.Tensor
-        if torch.is_grad_enabled():
-            self._kept = None  # a step may follow
-        if not (self.training and torch.is_grad_enabled()):
-            return self._folded(images)
+        if not torch.is_grad_enabled():
+            return self._folded(images, self._weights_to_act())
+        self._kept = None  # a step may follow
+        if not self.training:
+            return self._folded(images, self._weights())
         if not self.batch_statistics:
             if self._held is None:
                 self._held = _copy(norm)
                 with torch.no_grad():
                     _move_statistics(norm, convolution(images))
-            return self._folded(images)
+            return self._folded(images, self._weights())
         if bool((norm.weight > 0).all()):
             return norm_relu_pool(convolution(images), norm)
         result = pool(relu(norm(convolution(images))))
         return result
 
-    def _folded(self, images: torch.Tensor) -> torch.Tensor:
-        """The layers with the held or else the running statistics, batch norm as part of the convolution."""
+    def _folded(self, images: torch.Tensor, weights: tuple[torch.Tensor, torch.Tensor]) -> torch.Tensor:
+        """The layers, batch norm as part of the convolution's `weights`."""
         relu, pool = self[2], self[3]
-        weight, bias = self._weights() if torch.is_grad_enabled() else self._weights_to_act()
-        maps = functional.conv2d(images, weight, bias, padding=1)
+        maps = functional.conv2d(images, *weights, padding=1)
         # Pooling first: the same result, with a quarter of the pixels left for ReLU.
         result: torch.Tensor = relu(pool(maps))
         if result.requires_grad:
@@ -133,7 +133,7 @@ class Block(nn.Sequential):
         return result
 
     def _weights(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Weight and bias of the convolution with batch norm in it."""
+        """Weight and bias of the convolution with batch norm, of held or else running statistics, in it."""
         convolution, norm, *_ = self
         assert isinstance(convolution, nn.Conv2d) and isinstance(norm, nn.BatchNorm2d)
         mean, var = self._held or _copy(norm)
