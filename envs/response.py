@@ -10,16 +10,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 
+import numba
 import numpy as np
 import numpy.typing as npt
 
-from usbench.envs.aperture import Floats, aperture
+from usbench.envs.aperture import Floats, Spectra, aperture
 from usbench.envs.probe import LinearArray
 from usbench.envs.threads import in_parallel
 from usbench.envs.two_way import Rows, orders_of, tabulate
-from usbench.envs.vector import LANES
+from usbench.envs.vector import SAMPLES
 
-BLOCK = LANES  # waveforms are whole vectors long
+BLOCK = SAMPLES  # waveforms are whole vectors long
 _PULSE_CUT = 3e-3
 _FAR = 1 << 20  # samples, where no waveform is
 FEWEST_SHARED = 8  # active elements: with fewer, the window's shift by an offset is not a small one
@@ -36,14 +37,13 @@ class ResponseTable:
     Attributes:
         depths: (n_depths,) m, increasing.
         u_step: m.
-        real: Real parts of all waveforms, one after the other, (n,) float32.
-        imag: Imaginary parts, (n,) float32.
+        waveforms: One after the other, (n,) complex64.
         cells: (n_depths - 1, n_u - 1, 4) int32: first part, number of parts, first sample relative to the
             geometric delay and number of samples of all parts together.
         farther: (n_depths - 1, n_u - 1) float32: by how many m the elements that hear a point in the cell are
             farther from it than the line is.
-        parts: (n_parts, 7) int32: indices in `real` of the four waveforms' samples at the geometric delay (at
-            u, z; next u; next z; both), first sample and number of samples, order.
+        parts: (n_parts, 7) int32: indices in `waveforms` of the four waveforms' samples at the geometric
+            delay (at u, z; next u; next z; both), first sample and number of samples, order.
         waves: (n_parts, 6) float32: turns by which the phase advances over the cell along u and z, their
             cosines and their sines.
         span: First and last sample over all parts.
@@ -51,8 +51,7 @@ class ResponseTable:
 
     depths: Floats
     u_step: float
-    real: npt.NDArray[np.float32]
-    imag: npt.NDArray[np.float32]
+    waveforms: npt.NDArray[np.complex64]
     cells: npt.NDArray[np.int32]
     farther: npt.NDArray[np.float32]
     parts: npt.NDArray[np.int32]
@@ -144,7 +143,7 @@ def _band(array: LinearArray) -> tuple[Floats, int]:
     """
     rate = array.iq_sampling_frequency
     longest = 1.25 * array.n_active * array.pitch / array.speed_of_sound + 6.0 / array.center_frequency
-    n = 2 * BLOCK * int(np.ceil(longest * rate / (2 * BLOCK)))
+    n = 16 * int(np.ceil(longest * rate / 16))
     frequencies = array.iq_center_frequency + (np.arange(n) - n // 2) * (rate / n)
     spectrum = np.abs(array.pulse_spectrum(frequencies))
     heard = np.flatnonzero(spectrum > _PULSE_CUT * spectrum.max())
@@ -167,10 +166,10 @@ def _joined(orders: list[int], depths: Floats, u_step: float, rows: list[Rows]) 
     first, last = _around(low, np.minimum), _around(high, np.maximum)
     padded = np.maximum(last - first, 0)
     origins = (np.cumsum(padded) - padded.ravel()).reshape(padded.shape) - first
-    index = np.repeat((origins + start)[heard], length[heard]) + _ramps(length[heard])
-    real, imag = (_aligned_zeros(int(padded.sum())) for _ in range(2))
-    waveforms = np.concatenate([part.kept[q] for q in range(len(orders)) for part in rows])
-    real[index], imag[index] = waveforms.real, waveforms.imag
+    waveforms = _aligned_zeros(int(padded.sum()))
+    ends = np.cumsum([part.extents.shape[1] for part in rows])
+    places = np.split(origins + start, ends[:-1], axis=1)
+    in_parallel(lambda k: _put(rows[k], places[k], waveforms), range(len(rows)))
 
     # Parts of the same cell lie together.
     i, j, q = np.nonzero(np.moveaxis(used[:, :-1, :-1], 0, 2))
@@ -185,14 +184,14 @@ def _joined(orders: list[int], depths: Floats, u_step: float, rows: list[Rows]) 
     farther = np.concatenate([part.farther for part in rows])
     span = int(first.min()), int(last.max())
     return ResponseTable(
-        depths, u_step, real, imag, cells, farther[:-1], parts.astype(np.int32), waves[q, i, j], span
+        depths, u_step, waveforms, cells, farther[:-1], parts.astype(np.int32), waves[q, i, j], span
     )
 
 
-def _aligned_zeros(n: int) -> npt.NDArray[np.float32]:
+def _aligned_zeros(n: int) -> npt.NDArray[np.complex64]:
     """Return `n` zeros at an address that is a multiple of a vector's size."""
-    values = np.zeros(n + LANES, dtype=np.float32)
-    first = -values.ctypes.data // values.itemsize % LANES
+    values = np.zeros(n + SAMPLES, dtype=np.complex64)
+    first = -values.ctypes.data // values.itemsize % SAMPLES
     return values[first : first + n]
 
 
@@ -210,6 +209,17 @@ def _around(
     return values
 
 
-def _ramps(lengths: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-    """Return 0, 1, .. length - 1 for every length, one after the other."""
-    return np.asarray(np.arange(lengths.sum()) - np.repeat(np.cumsum(lengths) - lengths, lengths))
+def _put(part: Rows, places: npt.NDArray[np.int64], waveforms: Spectra) -> None:
+    """Copy the waveforms of a few depths to their places, (n_q, n_depths, n_u), among all."""
+    for kept, extents, to in zip(part.kept, part.extents, places, strict=True):
+        _copy(kept, extents.reshape(-1, 2), to.ravel(), waveforms)
+
+
+@numba.njit(nogil=True, cache=True)
+def _copy(kept, extents, places, waveforms):
+    """Copy waveforms that lie one after the other, so long as `extents` says."""
+    first = 0
+    for k in range(len(places)):
+        length = extents[k, 1]
+        waveforms[places[k] : places[k] + length] = kept[first : first + length]
+        first += length

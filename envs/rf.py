@@ -20,7 +20,7 @@ from scipy import fft
 from usbench.envs.elevation import ElevationTaps, elevation_taps
 from usbench.envs.probe import LinearArray
 from usbench.envs.response import BLOCK, FEWEST_SHARED, ResponseTable, response_table
-from usbench.envs.summation import N_PHASES, accumulate, delay_filters, merge
+from usbench.envs.summation import N_FIR, N_PHASES, accumulate, delay_filters, merge
 from usbench.envs.threads import in_parallel, n_threads
 
 _MAX_DISTANCE = 0.5
@@ -206,7 +206,7 @@ def _sum(
     weights = weights * np.exp(-2 * attenuation * array.center_frequency * (z - nearest))
     y_row = np.rint(np.abs(y) / taps.y_step).astype(np.int32)
     first, last = table.span
-    margin, wave_length = 3 * BLOCK + max(-first, last), last - first + 3 * BLOCK
+    margin, wave_length = N_FIR + 2 * BLOCK + max(-first, last), last - first + 2 * BLOCK
     iq = np.empty((len(lines), n_samples), dtype=np.complex64)
     fir = delay_filters()
     rate, c = array.iq_sampling_frequency, array.speed_of_sound
@@ -215,15 +215,15 @@ def _sum(
         if part.start == part.stop:
             return
         n_total = n_samples + 2 * margin
-        sums_real, sums_imag = np.zeros((2, part.stop - part.start, N_PHASES, n_total), dtype=np.float32)
+        sums = np.zeros((part.stop - part.start, N_PHASES, n_total), dtype=np.complex64)
         accumulate(
-            x, z, y_row, row, fraction, weights.astype(np.float32), table.real, table.imag, table.cells,
+            x, z, y_row, row, fraction, weights.astype(np.float32), table.waveforms, table.cells,
             table.farther, table.parts, table.waves, taps.taps, taps.n_taps, taps.path, lines[part],
             offsets[part] / array.pitch, 1.0 / table.u_step, 1.0 / taps.distance_step, N_PHASES * rate / c,
             N_PHASES * (array.pulse_delay * rate + margin) + 0.5, array.iq_center_frequency / c, n_total,
-            wave_length, sums_real.reshape(-1), sums_imag.reshape(-1),
+            wave_length, sums.reshape(-1),
         )  # fmt: skip
-        merge(sums_real, sums_imag, fir, margin, iq[part])
+        merge(sums, fir, margin, iq[part])
 
     n_parts = min(n_threads(), len(lines))
     bounds = [len(lines) * k // n_parts for k in range(n_parts + 1)]

@@ -18,7 +18,7 @@ from usbench.envs.vector import LANES, weighted_sum
 
 PHASE_BITS = 3
 N_PHASES = 1 << PHASE_BITS  # a delay is rounded to this part of an I/Q sample
-_N_FIR = 16
+N_FIR = 16  # samples of a delay filter
 _GROUP = 16  # pairs that are interpolated before they are filtered
 _ROOM = 1024  # for the parts of a group
 
@@ -30,21 +30,18 @@ _add_one, _add_whole, _add_half = weighted_sum(1), weighted_sum(3), weighted_sum
 # One long function, since arrays handed to another are counted as in use: a quarter of the time.
 @numba.njit(fastmath=FAST_MATH, nogil=True, error_model="numpy", cache=True)
 def accumulate(
-    x, z, y_row, row, fraction, amplitudes, table_real, table_imag, cells, farther, parts, waves, taps,
+    x, z, y_row, row, fraction, amplitudes, table, cells, farther, parts, waves, taps,
     n_taps, path, lines, offset_turns, columns_per_m, distances_per_m, ticks_per_m, ticks_at_zero,
-    turns_per_m, n_total, wave_length, sums_real, sums_imag,
+    turns_per_m, n_total, wave_length, sums,
 ):  # fmt: skip
     """Add every scatterer's waveform to the sums, each (n_lines, N_PHASES, n_total) laid out flat."""
     n_u, n_lines = cells.shape[1], lines.shape[0]
-    wave_real = np.zeros(_GROUP * wave_length, np.float32)
-    wave_imag = np.zeros_like(wave_real)
+    wave = np.zeros(_GROUP * wave_length, np.complex64)
     heard, columns = np.empty(n_lines, np.int64), np.empty(n_lines, np.int64)
     delay, filters = np.empty(n_lines, np.int64), np.empty(n_lines, np.int64)
-    offset = np.empty(n_lines, np.float64)
+    offset, beside = np.empty(n_lines, np.float64), np.empty(n_lines, np.float32)
     n_group = max(1, min(_GROUP, _ROOM // max(1, cells[:, :, 1].max())))
-    # Rows: turns; weight of the next column; cosine and sine of the plane wave's advance to the next column,
-    # and downwards; then the weights that come of it: of the nearer column and of the next, complex.
-    source, scratch = np.empty((_ROOM, 4), np.int64), np.zeros((10, _ROOM), np.float32)
+    turns, cosines, sines = np.zeros((3, _ROOM), np.float32)
     for s in range(x.shape[0]):
         i, iy, wz = row[s], y_row[s], fraction[s]
         deeper = int(wz > np.float32(0.5))
@@ -70,56 +67,52 @@ def accumulate(
                 beyond = np.float32(r - k)
                 way = 2.0 * rho + (path[iy, k] + beyond * (path[iy, k + 1] - path[iy, k]))
                 delay[m] = int(way * ticks_per_m + ticks_at_zero)
-                turns = way * turns_per_m
-                turn = np.float32(math.floor(turns) - turns)
+                way *= turns_per_m
+                turn = np.float32(math.floor(way) - way)
                 filters[m] = k + (beyond > np.float32(0.5))
 
+                # Phase of the local plane wave, of every part.
                 wu = np.float32(offset[m] * columns_per_m - column)
+                beside[m] = wu
                 lobe = offset_turns[line] if x[s] < lines[line] else -offset_turns[line]
                 first = cells[i, column, 0]
                 for p in range(first, first + cells[i, column, 1]):
-                    scratch[0, n_items] = (
+                    turns[n_items] = (
                         turn + np.float32(parts[p, 6] * lobe) + waves[p, 0] * wu + waves[p, 1] * wz
                     )
-                    scratch[1, n_items] = wu
-                    scratch[2, n_items], scratch[3, n_items] = waves[p, 2], waves[p, 4]
-                    scratch[4, n_items] = waves[p, 3] if deeper else np.float32(1)
-                    scratch[5, n_items] = waves[p, 5] if deeper else np.float32(0)
-                    start = parts[p, 4]
-                    source[n_items, 0] = parts[p, 2 * deeper] + start
-                    source[n_items, 1] = parts[p, 2 * deeper + 1] + start
-                    source[n_items, 2], source[n_items, 3] = start - cells[i, column, 2], parts[p, 5]
                     n_items += 1
 
-            # Weights of the two columns, around the local plane wave: a loop that becomes vectors.
             amplitude = amplitudes[s]
-            for k in range((n_items + LANES - 1) // LANES * LANES):
-                c, d = _cos_sin(scratch[0, k])
-                c, d = amplitude * c, amplitude * d
-                c, d = c * scratch[4, k] + d * scratch[5, k], d * scratch[4, k] - c * scratch[5, k]
-                wu = scratch[1, k]
-                vu = np.float32(1) - wu
-                scratch[6, k], scratch[7, k] = vu * c, vu * d
-                scratch[8, k] = wu * (c * scratch[2, k] + d * scratch[3, k])
-                scratch[9, k] = wu * (d * scratch[2, k] - c * scratch[3, k])
+            for k in range((n_items + LANES - 1) // LANES * LANES):  # becomes vectors
+                c, d = _cos_sin(turns[k])
+                cosines[k], sines[k] = amplitude * c, amplitude * d
 
             item = 0
             for w in range(n_waves):
                 # The sum of the cell's parts, between zeros for the filter.
                 column, at = columns[group + w], w * wave_length + BLOCK
                 n_parts, length = cells[i, column, 1], cells[i, column, 3]
-                _clear(wave_real, wave_imag, at - BLOCK, BLOCK, table_real, table_imag, (), ())
-                _clear(wave_real, wave_imag, at + length, BLOCK, table_real, table_imag, (), ())
+                _clear(wave, at - BLOCK, BLOCK, table, (), ())
+                _clear(wave, at + length, BLOCK, table, (), ())
                 if n_parts > 1:
-                    _clear(wave_real, wave_imag, at, length, table_real, table_imag, (), ())
-                for _ in range(n_parts):
-                    a = scratch[6, item], scratch[7, item], scratch[8, item], scratch[9, item]
-                    o = source[item, 0], source[item, 1]
+                    _clear(wave, at, length, table, (), ())
+                wu = beside[group + w]
+                vu = np.float32(1) - wu
+                for p in range(cells[i, column, 0], cells[i, column, 0] + n_parts):
+                    # The phase at the nearest depth's nearer column, and from there at the next.
+                    c, d = cosines[item], sines[item]
+                    if deeper:
+                        c, d = c * waves[p, 3] + d * waves[p, 5], d * waves[p, 3] - c * waves[p, 5]
+                    next_c = wu * (c * waves[p, 2] + d * waves[p, 4])
+                    next_d = wu * (d * waves[p, 2] - c * waves[p, 4])
+                    a = vu * c, vu * d, next_c, next_d
+                    start = parts[p, 4]
+                    o = parts[p, 2 * deeper] + start, parts[p, 2 * deeper + 1] + start
                     if n_parts == 1:
-                        _interpolate(wave_real, wave_imag, at, length, table_real, table_imag, o, a)
+                        _interpolate(wave, at, length, table, o, a)
                     else:
-                        first, size = at + source[item, 2], source[item, 3]
-                        _add_interpolated(wave_real, wave_imag, first, size, table_real, table_imag, o, a)
+                        first = at + start - cells[i, column, 2]
+                        _add_interpolated(wave, first, parts[p, 5], table, o, a)
                     item += 1
 
             # Apart from the loop above, as a processor stalls where it reads what it has only just written.
@@ -127,19 +120,19 @@ def accumulate(
                 m, at = group + w, w * wave_length + BLOCK
                 start, length = cells[i, columns[m], 2], cells[i, columns[m], 3]
                 first = (delay[m] >> PHASE_BITS) + start
-                if first < 2 or first + length + 2 * BLOCK > n_total:
+                if first < 2 or first + length + N_FIR > n_total:
                     continue
                 k, base = filters[m], heard[m] * N_PHASES * n_total
                 to = base + (delay[m] & (N_PHASES - 1)) * n_total + first
                 one = taps[iy, k, 2], taps[iy, k, 3]
                 if n_taps[iy, k] == 1:
-                    _add_one(sums_real, sums_imag, to, length, wave_real, wave_imag, (at,), one)
+                    _add_one(sums, to, length, wave, (at,), one)
                     continue
                 # Filtered waves begin one or two samples earlier.
                 length += BLOCK
                 f = taps[iy, k, 0], taps[iy, k, 1], one[0], one[1], taps[iy, k, 4], taps[iy, k, 5]
                 at3 = at, at - 1, at - 2
-                _add_whole(sums_real, sums_imag, to - 1, length, wave_real, wave_imag, at3, f)
+                _add_whole(sums, to - 1, length, wave, at3, f)
                 if n_taps[iy, k] > 3:
                     later = delay[m] + N_PHASES // 2
                     to = base + (later & (N_PHASES - 1)) * n_total + (later >> PHASE_BITS) + start
@@ -148,7 +141,7 @@ def accumulate(
                         taps[iy, k, 10], taps[iy, k, 11], taps[iy, k, 12], taps[iy, k, 13],
                     )  # fmt: skip
                     at4 = at, at - 1, at - 2, at - 3
-                    _add_half(sums_real, sums_imag, to - 2, length, wave_real, wave_imag, at4, g)
+                    _add_half(sums, to - 2, length, wave, at4, g)
 
 
 @numba.njit(fastmath=FAST_MATH, nogil=True, error_model="numpy", forceinline=True)
@@ -171,30 +164,25 @@ def _cos_sin(turns):
 
 @lru_cache(maxsize=1)
 def delay_filters() -> npt.NDArray[np.float32]:
-    """Windowed-sinc filters that delay by 0, 1, .. (n_phases - 1) parts of a sample, (n_phases, _N_FIR)."""
-    n = np.arange(_N_FIR) - (_N_FIR // 2 - 1)
+    """Windowed-sinc filters that delay by 0, 1, .. (n_phases - 1) parts of a sample, (n_phases, N_FIR)."""
+    n = np.arange(N_FIR) - (N_FIR // 2 - 1)
     delays = np.arange(N_PHASES)[:, np.newaxis] / N_PHASES
-    window = np.i0(5.0 * np.sqrt(np.maximum(0.0, 1.0 - np.square((n - delays) / (_N_FIR / 2))))) / np.i0(5.0)
+    window = np.i0(5.0 * np.sqrt(np.maximum(0.0, 1.0 - np.square((n - delays) / (N_FIR / 2))))) / np.i0(5.0)
     filters = np.sinc(n - delays) * window
     return np.asarray(filters / filters.sum(axis=1, keepdims=True), dtype=np.float32)
 
 
 @numba.njit(fastmath=FAST_MATH, nogil=True, error_model="numpy", cache=True)
-def merge(sums_real, sums_imag, fir, margin, iq):
+def merge(sums, fir, margin, iq):
     """Delay every phase by its part of a sample and add them up: (n_lines, n_samples) complex64 in `iq`."""
-    n_taps = fir.shape[1]
-    n_samples = iq.shape[1]
-    real, imag = np.empty(n_samples, np.float32), np.empty(n_samples, np.float32)
+    n_taps, n_samples = fir.shape[1], iq.shape[1]
     for line in range(iq.shape[0]):
-        real[:] = 0
-        imag[:] = 0
+        total = iq[line].view(np.float32)
+        total[:] = 0
         for phase in range(fir.shape[0]):
             for tap in range(n_taps):
                 weight = fir[phase, tap]
                 first = margin - (tap - (n_taps // 2 - 1))
-                source_real, source_imag = sums_real[line, phase, first:], sums_imag[line, phase, first:]
-                for m in range(n_samples):
-                    real[m] += weight * source_real[m]
-                    imag[m] += weight * source_imag[m]
-        for m in range(n_samples):
-            iq[line, m] = complex(real[m], imag[m])
+                source = sums[line, phase, first : first + n_samples].view(np.float32)
+                for m in range(2 * n_samples):
+                    total[m] += weight * source[m]

@@ -70,7 +70,7 @@ def tabulate(beam: Aperture, depths: Floats, n_samples: int) -> Rows:
     power = _power(spectra)
     total = power.sum(axis=0)
     silent = (_DEPTH_CUT * total.max(axis=1, keepdims=True) + _ENERGY_CUT * total)[:-1]
-    band = np.rint((f - array.iq_center_frequency) / (f[1] - f[0])).astype(int)
+    n_below = int(np.rint((array.iq_center_frequency - f[0]) / (f[1] - f[0])))
     kept = []
     waves = np.zeros((len(spectra), len(depths) - 1, len(u) - 1, 6), dtype=np.float32)
     extents = np.zeros((len(spectra), len(depths) - 1, len(u), 2), dtype=np.int32)
@@ -80,7 +80,8 @@ def tabulate(beam: Aperture, depths: Floats, n_samples: int) -> Rows:
             continue
         waves[q] = _local_waves(spectrum, power[q], [slope[q] for slope in slopes], u, depths)
         waveforms = np.zeros((len(depths) - 1, len(u), n_samples), dtype=np.complex64)
-        waveforms[..., band] = spectrum[:-1]
+        waveforms[..., : len(f) - n_below] = spectrum[:-1, :, n_below:]
+        waveforms[..., n_samples - n_below :] = spectrum[:-1, :, :n_below]
         waveforms = fft.ifft(waveforms, axis=2, overwrite_x=True)
         kept.append(_cut(waveforms, silent / n_samples, extents[q]))
     return Rows(kept, extents, waves, _cell_mean(extra, total).astype(np.float32))
@@ -145,8 +146,9 @@ def _local_waves(
     spectra: Spectra, power: npt.NDArray[np.float32], slopes: list[Floats], u: Floats, depths: Floats
 ) -> npt.NDArray[np.float32]:
     """Return `waves` (n_depths - 1, n_u - 1, 6) from one order's spectra (n_depths, n_u, n_frequencies)."""
-    along_u = np.einsum("ijk,ijk->ij", spectra[:, 1:], spectra[:, :-1].conj())
-    along_z = np.einsum("ijk,ijk->ij", spectra[1:], spectra[:-1].conj())
+    conjugate = spectra.conj()
+    along_u = np.einsum("ijk,ijk->ij", spectra[:, 1:], conjugate[:, :-1])
+    along_z = np.einsum("ijk,ijk->ij", spectra[1:], conjugate[:-1])
     waves = np.zeros((len(depths) - 1, len(u) - 1, 6), dtype=np.float32)
     # The phase tells the advance up to whole turns, its slope at the nodes tells those.
     steps = [np.full((len(depths) - 1, 1), u[1] - u[0]), np.diff(depths)[:, np.newaxis]]
