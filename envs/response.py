@@ -7,8 +7,10 @@ waveforms are turned by it, interpolated between two columns, and taken from the
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import chain
 
 import numba
 import numpy as np
@@ -16,15 +18,14 @@ import numpy.typing as npt
 
 from usbench.envs.aperture import Floats, Spectra, aperture
 from usbench.envs.probe import LinearArray
-from usbench.envs.threads import in_parallel
-from usbench.envs.two_way import Rows, orders_of, tabulate
+from usbench.envs.threads import divided, in_parallel
+from usbench.envs.two_way import ROWS, Rows, orders_of, tabulate
 from usbench.envs.vector import SAMPLES
 
 BLOCK = SAMPLES  # waveforms are whole vectors long
 _PULSE_CUT = 3e-3
 _FAR = 1 << 20  # samples, where no waveform is
 FEWEST_SHARED = 8  # active elements: with fewer, the window's shift by an offset is not a small one
-_ROWS = 5  # depths that are computed at a time
 
 
 @dataclass(frozen=True)
@@ -118,9 +119,10 @@ def _tabulated(
         array, focal_depth, frequencies, u_max, float(depths[-1]), oversampling, stride, lobes, offset or 0.0,
         attenuation,
     )  # fmt: skip
-    chunks = [depths[i : i + _ROWS + 1] for i in range(0, len(depths) - 1, _ROWS)]
-    rows = in_parallel(lambda chunk: tabulate(beam, chunk, n_samples), chunks)
-    return _joined(orders_of(beam), depths[:-1], float(beam.u[1]), rows)
+    n_times = math.ceil((len(depths) - 1) / ROWS)
+    shares = [depths[ROWS * part.start : ROWS * part.stop + 1] for part in divided(n_times)]
+    rows = chain.from_iterable(in_parallel(lambda share: tabulate(beam, share, n_samples), shares))
+    return _joined(orders_of(beam), depths[:-1], float(beam.u[1]), list(rows))
 
 
 _tables = lru_cache(maxsize=4)(_tabulated)
@@ -216,7 +218,9 @@ def _put(part: Rows, places: npt.NDArray[np.int64], waveforms: Spectra) -> None:
 
 
 @numba.njit(nogil=True, cache=True)
-def _copy(kept, extents, places, waveforms):
+def _copy(
+    kept: Spectra, extents: npt.NDArray[np.int32], places: npt.NDArray[np.int64], waveforms: Spectra
+) -> None:
     """Copy waveforms that lie one after the other, so long as `extents` says."""
     first = 0
     for k in range(len(places)):

@@ -21,7 +21,7 @@ from usbench.envs.elevation import ElevationTaps, elevation_taps
 from usbench.envs.probe import LinearArray
 from usbench.envs.response import BLOCK, FEWEST_SHARED, ResponseTable, response_table
 from usbench.envs.summation import N_FIR, N_PHASES, accumulate, delay_filters, merge
-from usbench.envs.threads import in_parallel, n_threads
+from usbench.envs.threads import divided, in_parallel
 
 _MAX_DISTANCE = 0.5
 
@@ -212,8 +212,6 @@ def _sum(
     rate, c = array.iq_sampling_frequency, array.speed_of_sound
 
     def run(part: slice) -> None:
-        if part.start == part.stop:
-            return
         n_total = n_samples + 2 * margin
         sums = np.zeros((part.stop - part.start, N_PHASES, n_total), dtype=np.complex64)
         accumulate(
@@ -225,7 +223,5 @@ def _sum(
         )  # fmt: skip
         merge(sums, fir, margin, iq[part])
 
-    n_parts = min(n_threads(), len(lines))
-    bounds = [len(lines) * k // n_parts for k in range(n_parts + 1)]
-    in_parallel(run, [slice(a, b) for a, b in zip(bounds[:-1], bounds[1:], strict=True)])
+    in_parallel(run, divided(len(lines)))
     return iq

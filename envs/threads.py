@@ -26,6 +26,12 @@ def n_threads() -> int:
     return int(text)
 
 
+def divided(n: int) -> list[slice]:
+    """Divide `n` items among the threads: as many slices as there are, or items, each with the next ones."""
+    n_parts = max(1, min(n_threads(), n))
+    return [slice(n * k // n_parts, n * (k + 1) // n_parts) for k in range(n_parts)]
+
+
 def in_parallel(work: Callable[[_Item], _Result], items: Iterable[_Item]) -> list[_Result]:
     """Return what `work` gives for every item, in their order; what it calls in turn uses one thread."""
     n = n_threads()

@@ -22,6 +22,7 @@ from usbench.envs.probe import LinearArray
 _ENERGY_CUT, _DEPTH_CUT = 2e-3, 2e-5
 _PROBE_STEP = 0.02e-3  # m, over which the phase is followed in u and z
 _N_FOLLOWED = 8  # frequencies over the band that it is followed at, about
+ROWS = 5  # depths that are computed at a time
 
 
 def orders_of(beam: Aperture) -> list[int]:
@@ -46,17 +47,52 @@ class Rows:
     farther: npt.NDArray[np.float32]
 
 
-def tabulate(beam: Aperture, depths: Floats, n_samples: int) -> Rows:
-    """Return the waveforms of every order at all `depths` but the last, which the last cells lean on."""
+@dataclass(frozen=True)
+class _Responses:
+    """What cells between depths are made of.
+
+    Attributes:
+        spectra: Two-way, of every order, (n_q, n_depths, n_u, n_frequencies).
+        slopes: Turns per m by which the phase advances along u and z, (2, n_q, n_depths, n_u).
+        extra: Mean distance of the elements less that of the line, (n_depths, n_u) m.
+    """
+
+    spectra: Spectra
+    slopes: Floats
+    extra: Floats
+
+    @property
+    def top(self) -> _Responses:
+        """The first depth alone."""
+        return _Responses(self.spectra[:, :1].copy(), self.slopes[:, :, :1], self.extra[:1])
+
+
+def tabulate(beam: Aperture, depths: Floats, n_samples: int) -> list[Rows]:
+    """Return the waveforms of every order at all `depths` but the last, ROWS depths at a time.
+
+    Cells lean on the depth below them too: the deepest are made first, so that it is known.
+    """
+    result: list[Rows] = []
+    below = _responses(beam, depths[-1:], n_samples)
+    for first in reversed(range(0, len(depths) - 1, ROWS)):
+        rows = depths[first : first + ROWS + 1]
+        here = _responses(beam, rows[:-1], n_samples, below)
+        result.insert(0, _waveforms(beam, rows, here, n_samples))
+        below = here.top
+    return result
+
+
+def _responses(beam: Aperture, depths: Floats, n_samples: int, below: _Responses | None = None) -> _Responses:
+    """Return the responses at `depths`, and after them those `below`."""
     array, u, f = beam.array, beam.u, beam.frequencies
     scale = 2 * n_samples * (f[1] - f[0])
     pulse = scale * array.pulse_spectrum(f) * np.exp(2j * np.pi * f * array.pulse_delay)
     one_way = beam.fields(depths)
-    spectra = _two_way(beam, one_way, one_way, u, depths, pulse)
+    spectra = _two_way(beam, one_way, one_way, u, depths, pulse, n_free=int(below is not None))
 
     step = max(1, len(f) // _N_FOLLOWED)
     which = slice(step // 2, None, step)
-    some, some_pulse, followed = beam.only(which), pulse[which], spectra[..., which]
+    some, some_pulse, followed = beam.only(which), pulse[which], spectra[:, : len(depths), :, which]
     slopes = []
     for du, dz in ((_PROBE_STEP, 0.0), (0.0, _PROBE_STEP)):
         fields = some.moved(du).fields(depths + dz)
@@ -65,36 +101,50 @@ def tabulate(beam: Aperture, depths: Floats, n_samples: int) -> Rows:
     moments = some.fields(depths, moment=True)
     moments = _two_way(some, moments, np.ascontiguousarray(one_way[..., which]), u, depths, some_pulse)
     extra = _mean_distance(moments, followed, u, depths, array) - np.hypot(u, depths[:, np.newaxis])
+    if below is None:
+        return _Responses(spectra, np.stack(slopes), extra)
+    spectra[:, len(depths) :] = below.spectra
+    return _Responses(
+        spectra, np.concatenate([slopes, below.slopes], axis=2), np.concatenate([extra, below.extra])
+    )
 
-    del one_way, moments  # tens of MB
-    power = _power(spectra)
+
+def _waveforms(beam: Aperture, depths: Floats, here: _Responses, n_samples: int) -> Rows:
+    """Return the waveforms at all `depths` but the last."""
+    u, f = beam.u, beam.frequencies
+    power = _power(here.spectra)
     total = power.sum(axis=0)
     silent = (_DEPTH_CUT * total.max(axis=1, keepdims=True) + _ENERGY_CUT * total)[:-1]
-    n_below = int(np.rint((array.iq_center_frequency - f[0]) / (f[1] - f[0])))
+    n_below = int(np.rint((beam.array.iq_center_frequency - f[0]) / (f[1] - f[0])))
     kept = []
-    waves = np.zeros((len(spectra), len(depths) - 1, len(u) - 1, 6), dtype=np.float32)
-    extents = np.zeros((len(spectra), len(depths) - 1, len(u), 2), dtype=np.int32)
-    for q, spectrum in enumerate(spectra):
+    waves = np.zeros((len(power), len(depths) - 1, len(u) - 1, 6), dtype=np.float32)
+    extents = np.zeros((len(power), len(depths) - 1, len(u), 2), dtype=np.int32)
+    for q, spectrum in enumerate(here.spectra):
+        # An order that only the depth below hears stays without waves. To mend that would change some pixels
+        # by a grey level, and with them every trial on record.
         if not (power[q, :-1] > silent).any():
             kept.append(np.zeros(0, dtype=np.complex64))
             continue
-        waves[q] = _local_waves(spectrum, power[q], [slope[q] for slope in slopes], u, depths)
+        waves[q] = _local_waves(spectrum, power[q], here.slopes[:, q], u, depths)
         waveforms = np.zeros((len(depths) - 1, len(u), n_samples), dtype=np.complex64)
         waveforms[..., : len(f) - n_below] = spectrum[:-1, :, n_below:]
         waveforms[..., n_samples - n_below :] = spectrum[:-1, :, :n_below]
         waveforms = fft.ifft(waveforms, axis=2, overwrite_x=True)
         kept.append(_cut(waveforms, silent / n_samples, extents[q]))
-    return Rows(kept, extents, waves, _cell_mean(extra, total).astype(np.float32))
+    return Rows(kept, extents, waves, _cell_mean(here.extra, total).astype(np.float32))
 
 
 def _two_way(
-    beam: Aperture, one: Spectra, other: Spectra, u: Floats, depths: Floats, pulse: npt.NDArray[np.complex128]
-) -> Spectra:
+    beam: Aperture, one: Spectra, other: Spectra, u: Floats, depths: Floats,
+    pulse: npt.NDArray[np.complex128], n_free: int = 0,
+) -> Spectra:  # fmt: skip
     """Return sum_m one_m other_(q-m) pulse(f) exp(4 pi j f hypot(u, z) / c) for every order q.
 
-    Both fields are (n_orders, n_depths, n_u, n_frequencies), the result has n_q in place of n_orders.
+    Both fields are (n_orders, n_depths, n_u, n_frequencies), the result has n_q in place of n_orders, and
+    `n_free` more depths with zeros.
     """
-    result = np.zeros((len(orders_of(beam)), *one.shape[1:]), dtype=np.complex64)
+    _, n_depths, n_u, n_frequencies = one.shape
+    result = np.zeros((len(orders_of(beam)), n_depths + n_free, n_u, n_frequencies), dtype=np.complex64)
     wave_numbers = beam.frequencies / beam.array.speed_of_sound
     _add_products(one, other, u, depths, wave_numbers, pulse.astype(np.complex64), result)
     return result
@@ -143,7 +193,7 @@ def _mean_distance(
 
 
 def _local_waves(
-    spectra: Spectra, power: npt.NDArray[np.float32], slopes: list[Floats], u: Floats, depths: Floats
+    spectra: Spectra, power: npt.NDArray[np.float32], slopes: Floats, u: Floats, depths: Floats
 ) -> npt.NDArray[np.float32]:
     """Return `waves` (n_depths - 1, n_u - 1, 6) from one order's spectra (n_depths, n_u, n_frequencies)."""
     conjugate = spectra.conj()

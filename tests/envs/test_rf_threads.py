@@ -29,6 +29,15 @@ def test_same_bits_for_any_number_of_threads(monkeypatch):
     assert len(digests) == 1
 
 
+@pytest.mark.parametrize("n_items", [1, 2, 3, 64])
+def test_items_are_divided_once_and_in_order(monkeypatch, n_items):
+    monkeypatch.setenv("USBENCH_THREADS", "3")
+    slices = threads.divided(n_items)
+    assert [k for part in slices for k in range(n_items)[part]] == list(range(n_items))
+    sizes = [part.stop - part.start for part in slices]
+    assert len(slices) == min(3, n_items) and max(sizes) - min(sizes) <= 1
+
+
 @pytest.mark.parametrize("text", ["0", "-1", "two", "1.5"])
 def test_refuses_a_number_of_threads(monkeypatch, text):
     monkeypatch.setenv("USBENCH_THREADS", text)
