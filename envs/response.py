@@ -83,7 +83,7 @@ def response_table(
 
 
 def keep_tables(n_depths: int) -> None:
-    """Let this process keep the tables of `n_depths` focal depths, some 10 to 60 MB each (18: 330 MB).
+    """Let this process keep the tables of `n_depths` focal depths, some 10 to 60 MB each (18: 315 MB).
 
     Four are kept anyway, enough where all frames of one depth are made together. A table takes a second or
     more to make: a probe that refocuses between more depths would wait for one at nearly every step.
