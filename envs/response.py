@@ -1,8 +1,9 @@
 """Pulse-echo response of a point to one line, tabulated over its lateral offset and depth per focal depth.
 
-The responses of `two_way.py` are so smooth that waveforms on a coarse grid give them everywhere. In a cell of
-the grid the phase advances almost linearly (the beam's local direction): the table keeps that advance, and
-waveforms are turned by it, interpolated between two columns, and taken from the nearest depth.
+The responses of `two_way.py` are so smooth that waveforms on a coarse grid (`waveforms.py`) give them
+everywhere. In a cell of the grid the phase advances almost linearly (the beam's local direction): the table
+keeps that advance, and waveforms are turned by it, interpolated between two columns, and taken from the
+nearest depth.
 """
 
 from __future__ import annotations
@@ -19,8 +20,9 @@ import numpy.typing as npt
 from usbench.envs.aperture import Floats, Spectra, aperture
 from usbench.envs.probe import LinearArray
 from usbench.envs.threads import divided, in_parallel
-from usbench.envs.two_way import ROWS, Rows, orders_of, tabulate
+from usbench.envs.two_way import orders_of
 from usbench.envs.vector import SAMPLES
+from usbench.envs.waveforms import ROWS, Rows, tabulate
 
 BLOCK = SAMPLES  # waveforms are whole vectors long
 _PULSE_CUT = 3e-3
