@@ -12,9 +12,13 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from usbench.envs import elevation, response, vector
+from usbench.envs.compiled import forget_older
 from usbench.envs.elevation import FAST_MATH
 from usbench.envs.response import BLOCK
 from usbench.envs.vector import LANES, weighted_sum
+
+forget_older(__file__, elevation.__file__, response.__file__, vector.__file__)
 
 PHASE_BITS = 3
 N_PHASES = 1 << PHASE_BITS  # a delay is rounded to this part of an I/Q sample
