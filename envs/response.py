@@ -121,8 +121,8 @@ def _tabulated(
         array, focal_depth, frequencies, u_max, float(depths[-1]), oversampling, stride, lobes, offset or 0.0,
         attenuation,
     )  # fmt: skip
-    n_times = math.ceil((len(depths) - 1) / ROWS)
-    shares = [depths[ROWS * part.start : ROWS * part.stop + 1] for part in divided(n_times)]
+    n_blocks = math.ceil((len(depths) - 1) / ROWS)
+    shares = [depths[ROWS * part.start : ROWS * part.stop + 1] for part in divided(n_blocks)]
     rows = chain.from_iterable(in_parallel(lambda share: tabulate(beam, share, n_samples), shares))
     return _joined(orders_of(beam), depths[:-1], float(beam.u[1]), list(rows))
 
@@ -147,7 +147,7 @@ def _band(array: LinearArray) -> tuple[Floats, int]:
     """
     rate = array.iq_sampling_frequency
     longest = 1.25 * array.n_active * array.pitch / array.speed_of_sound + 6.0 / array.center_frequency
-    n = 16 * int(np.ceil(longest * rate / 16))
+    n = 16 * int(np.ceil(longest * rate / 16))  # quick to transform
     frequencies = array.iq_center_frequency + (np.arange(n) - n // 2) * (rate / n)
     spectrum = np.abs(array.pulse_spectrum(frequencies))
     heard = np.flatnonzero(spectrum > _PULSE_CUT * spectrum.max())

@@ -38,14 +38,14 @@ def accumulate(
     n_taps, path, lines, offset_turns, columns_per_m, distances_per_m, ticks_per_m, ticks_at_zero,
     turns_per_m, n_total, wave_length, sums,
 ):  # fmt: skip
-    """Add every scatterer's waveform to the sums, each (n_lines, N_PHASES, n_total) laid out flat."""
+    """Add every scatterer's waveform to `sums`, (n_lines, N_PHASES, n_total) complex64 laid out flat."""
     n_u, n_lines = cells.shape[1], lines.shape[0]
     wave = np.zeros(_GROUP * wave_length, np.complex64)
     heard, columns = np.empty(n_lines, np.int64), np.empty(n_lines, np.int64)
     delay, filters = np.empty(n_lines, np.int64), np.empty(n_lines, np.int64)
     offset, beside = np.empty(n_lines, np.float64), np.empty(n_lines, np.float32)
     n_group = max(1, min(_GROUP, _ROOM // max(1, cells[:, :, 1].max())))
-    turns, cosines, sines = np.zeros((3, _ROOM), np.float32)
+    phases, cosines, sines = np.zeros((3, _ROOM), np.float32)  # of parts; phases in turns
     for s in range(x.shape[0]):
         i, iy, wz = row[s], y_row[s], fraction[s]
         deeper = int(wz > np.float32(0.5))
@@ -71,8 +71,8 @@ def accumulate(
                 beyond = np.float32(r - k)
                 way = 2.0 * rho + (path[iy, k] + beyond * (path[iy, k + 1] - path[iy, k]))
                 delay[m] = int(way * ticks_per_m + ticks_at_zero)
-                way *= turns_per_m
-                turn = np.float32(math.floor(way) - way)
+                turns = way * turns_per_m
+                turn = np.float32(math.floor(turns) - turns)
                 filters[m] = k + (beyond > np.float32(0.5))
 
                 # Phase of the local plane wave, of every part.
@@ -81,14 +81,14 @@ def accumulate(
                 lobe = offset_turns[line] if x[s] < lines[line] else -offset_turns[line]
                 first = cells[i, column, 0]
                 for p in range(first, first + cells[i, column, 1]):
-                    turns[n_items] = (
+                    phases[n_items] = (
                         turn + np.float32(parts[p, 6] * lobe) + waves[p, 0] * wu + waves[p, 1] * wz
                     )
                     n_items += 1
 
             amplitude = amplitudes[s]
             for k in range((n_items + LANES - 1) // LANES * LANES):  # becomes vectors
-                c, d = _cos_sin(turns[k])
+                c, d = _cos_sin(phases[k])
                 cosines[k], sines[k] = amplitude * c, amplitude * d
 
             item = 0
