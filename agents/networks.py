@@ -9,7 +9,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 from torch.nn import functional
 
-from usbench.agents.fused import norm_relu_pool
+from usbench.agents.norm_relu_pool import norm_relu_pool
 
 CHANNELS = (16, 32)
 PROJECTED = 64

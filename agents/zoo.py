@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from usbench.agents import outside
+from usbench.agents import plugins
 from usbench.agents.hyperparameters import RANGES, Value, check, check_seed, parse, unknown
 
 
@@ -192,11 +192,11 @@ def entry(algo: str) -> Entry:
     """
     if algo in ZOO:
         return ZOO[algo]
-    registered = outside.registered()
+    registered = plugins.registered()
     place = registered.get(algo, algo)
     if ":" not in place:
         raise unknown("algorithm", algo, [*ZOO, *registered])
-    found = outside.load(place)
+    found = plugins.load(place)
     return found if isinstance(found, Entry) else _row(place, found)
 
 

@@ -8,17 +8,18 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from usbench import drawing, own_anatomy
-from usbench.envs.anatomy import Anatomy
+from usbench.envs.anatomy.tissue import Anatomy
 from usbench.envs.bmode import DEFAULT_IMAGING
 from usbench.envs.frames import frame_store
 from usbench.envs.pose import Pose
 from usbench.envs.probe import DEFAULT_ARRAY
+from usbench.figures import style
+from usbench.trials import anatomy_record
 
 
 def draw(rows: dict[str, Anatomy], poses: list[Pose]) -> Figure:
     """Draw the frames of every anatomy, a row each, from the poses, a column each."""
-    figure, axes = drawing.panels(len(rows), len(poses), width=1.25, height=2.6)
+    figure, axes = style.panels(len(rows), len(poses), width=1.25, height=2.6)
     for panels, (name, anatomy) in zip(axes, rows.items(), strict=True):
         store = frame_store(anatomy, DEFAULT_ARRAY, DEFAULT_IMAGING)
         for axis, pose in zip(panels, poses, strict=True):
@@ -46,11 +47,11 @@ def main() -> None:
     for kind in ("recorded", "simulated"):
         simulated = ("seed=", "density_per_mm3=", "dynamic_range_db=")
         words = [word for word in args.phantom if kind == "simulated" or not word.startswith(simulated)]
-        found = own_anatomy.asked([*words, f"frames={kind}"], looking=True)
+        found = anatomy_record.asked([*words, f"frames={kind}"], looking=True)
         assert found is not None
         rows[kind] = found
     poses = [Pose(x, args.depth, angle) for x in args.x for angle in args.angles]
-    print(drawing.save(draw(rows, poses), args.figure))
+    print(style.save(draw(rows, poses), args.figure))
 
 
 if __name__ == "__main__":

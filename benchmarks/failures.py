@@ -12,8 +12,10 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
-from usbench import drawing, failures, look_alikes, records, results, suite
+from usbench import records, suite
 from usbench.envs.frames import frame_store
+from usbench.figures import episode_ends, look_alikes, style
+from usbench.results import tables
 
 NOT_DRAWN = ("random", "stay")
 
@@ -26,10 +28,10 @@ def frames(task: str) -> np.ndarray:
     return np.stack([store.frame(pose) for pose in env.task.states])
 
 
-def collected(runs: list[Path]) -> results.Results:
+def collected(runs: list[Path]) -> tables.Results:
     """Return the results of several folders together."""
-    parts = [results.collect(folder) for folder in runs]
-    return results.Results(
+    parts = [tables.collect(folder) for folder in runs]
+    return tables.Results(
         pd.concat([part.trials for part in parts]), pd.concat([part.curves for part in parts])
     )
 
@@ -58,15 +60,15 @@ def main() -> None:
         pairs["correlation"] = pairs["correlation"].map("{:.3f}".format)
         console.print(printed(pairs, f"{task.title}: look-alikes that need different actions"))
     if args.figure:
-        drawing.save(look_alikes.draw(known), args.figure)
+        style.save(look_alikes.draw(known), args.figure)
     if not args.runs.is_dir() or (evaluations := records.load(args.runs)).empty:
         return
-    ends = failures.shares(evaluations[evaluations["status"] == "finished"])
+    ends = episode_ends.shares(evaluations[evaluations["status"] == "finished"])
     console.print(printed(ends, "How episodes end, greedy actions, as shares"))
     if args.ends:
-        drawing.save(failures.draw(ends[~ends["algo"].isin(NOT_DRAWN)]), args.ends)
+        style.save(episode_ends.draw(ends[~ends["algo"].isin(NOT_DRAWN)]), args.ends)
     if args.frames:
-        rows = failures.by_frames(collected([args.runs, args.frames]))
+        rows = episode_ends.by_frames(collected([args.runs, args.frames]))
         console.print(printed(rows, "Scores by the frames of an observation"))
 
 

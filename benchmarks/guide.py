@@ -15,8 +15,10 @@ from typing import Any
 import torch
 from playwright.sync_api import expect, sync_playwright
 
-from usbench import guide_server, runner, suite
-from usbench.guide_session import Session
+from usbench import suite
+from usbench.guide import server as guide_server
+from usbench.guide.session import Session
+from usbench.trials import runner
 
 EPISODES = 8
 KEYS = {"Space": " "}

@@ -15,7 +15,7 @@ from scipy.stats import spearmanr
 
 from usbench import suite
 from usbench.envs.frames import frame_store
-from usbench.envs.likeness import likeness, standard_view
+from usbench.envs.image_reward import likeness, standard_view
 from usbench.envs.phantom import Phantom
 
 

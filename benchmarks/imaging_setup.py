@@ -16,13 +16,13 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 
-from usbench import drawing
 from usbench.envs.bmode import Imaging
 from usbench.envs.frames import FrameStore, frame_store
-from usbench.envs.imaging_setup import IMAGING_SETUP, PHANTOM, contrast_to_noise, regions
 from usbench.envs.pose import Pose
 from usbench.envs.probe import LinearArray
 from usbench.envs.settings import Setup
+from usbench.envs.tasks.imaging_setup import IMAGING_SETUP, PHANTOM, contrast_to_noise, regions
+from usbench.figures import style as drawing
 
 KNOBS = {
     "focal_depth_mm": ("focal depth", "mm", 1),

@@ -22,7 +22,9 @@ from distributed import LocalCluster
 from rich.console import Console
 from rich.table import Table
 
-from usbench import cluster, records, runner
+from usbench import records
+from usbench.compare import dask_cluster
+from usbench.trials import runner
 
 WARM_UP = 20
 
@@ -34,7 +36,7 @@ def finished(runs: Path) -> tuple[list[float], list[int]]:
         state = records.read_state(folder)
         if state.get("status") == "finished" and state["config"]["steps"]:
             seconds.append(state["timings"]["total_s"])
-            files = [path for pattern in cluster.FILES for path in folder.glob(pattern)]
+            files = [path for pattern in dask_cluster.FILES for path in folder.glob(pattern)]
             sizes.append(sum(path.stat().st_size for path in files))
     if not seconds:
         sys.exit(f"there is no finished trial in {str(runs)!r}: run usbench compare first.")
@@ -50,7 +52,7 @@ def leave(size: int, config: records.TrialConfig, out: Path, progress: Any) -> N
         (folder / records.TRIAL).write_text("{}")
 
 
-def cost(workers: cluster.Cluster, n_trials: int, trial: Callable[..., None]) -> tuple[float, float]:
+def cost(workers: dask_cluster.Cluster, n_trials: int, trial: Callable[..., None]) -> tuple[float, float]:
     """Return seconds per trial, and those of them that scheduler and client compute."""
     first = runner.resolve("stay", "pp")
     configs = [dataclasses.replace(first, seed=seed) for seed in range(n_trials)]
@@ -75,7 +77,7 @@ def main() -> None:
     trial_s, size = statistics.mean(seconds), int(statistics.mean(sizes))
     with (
         LocalCluster(n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None) as local,
-        cluster.Cluster(local.scheduler_address) as workers,
+        dask_cluster.Cluster(local.scheduler_address) as workers,
     ):
         bare = cost(workers, args.trials, functools.partial(leave, 0))
         full = cost(workers, args.trials, functools.partial(leave, size))

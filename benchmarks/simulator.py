@@ -26,16 +26,16 @@ from rich.console import Console
 from rich.table import Table
 
 from usbench.envs.bmode import DEFAULT_IMAGING, bmode, envelope, log_compress
-from usbench.envs.focal_point import FOCAL_POINT
+from usbench.envs.field.response_table import forget_tables, keep_tables
 from usbench.envs.frames import FrameStore
 from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Pose
 from usbench.envs.probe import DEFAULT_ARRAY
-from usbench.envs.probe_plane import PROBE_PLANE
-from usbench.envs.random_phantoms import FocalPointRandomEnv, ProbePlaneRandomEnv
-from usbench.envs.response import forget_tables, keep_tables
 from usbench.envs.rf import simulate_iq, simulate_rf
 from usbench.envs.scanner import scan, scan_batch
+from usbench.envs.tasks.focal_point import FOCAL_POINT
+from usbench.envs.tasks.probe_plane import PROBE_PLANE
+from usbench.envs.tasks.random_phantoms import FocalPointRandomEnv, ProbePlaneRandomEnv
 
 REFERENCE = Path(__file__).parents[2] / "shared" / "reference" / "rf_reference.npz"
 ROUNDS = 4

@@ -44,7 +44,7 @@ def make(program: str, algo: str, task: str) -> Any:
 
     from usbench import suite
     from usbench.agents import zoo
-    from usbench.memory import keep_freed
+    from usbench.trials.glibc_memory import keep_freed
 
     hyperparameters = zoo.hyperparameters(algo, task)
     if program == "here":
@@ -169,7 +169,7 @@ def main() -> None:
     if args.child:
         child(args.child, args.algos[0], args.task)
         return
-    frames = f"from usbench import runner; runner.prepare_frames({args.task!r})"
+    frames = f"from usbench.trials import runner; runner.prepare_frames({args.task!r})"
     subprocess.run([sys.executable, "-c", frames], check=True)
     caption = CAPTION.format(task=args.task, turns=args.turns, steps=args.steps, warm_up=WARM_UP, asked=ASKED)
     table = Table(caption=caption, caption_justify="left")

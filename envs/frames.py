@@ -24,8 +24,8 @@ import llvmlite.binding
 import numpy as np
 import numpy.typing as npt
 
-from usbench.envs import cache
-from usbench.envs.anatomy import Anatomy
+from usbench.envs import frame_files
+from usbench.envs.anatomy.tissue import Anatomy
 from usbench.envs.bmode import Imaging
 from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Pose
@@ -50,13 +50,25 @@ def sources(first: str = "scanner") -> dict[str, bytes]:
         name = waiting.pop()
         if name in found:
             continue
-        found[name] = Path(__file__).with_name(f"{name}.py").read_bytes()
+        found[name] = _file(name).read_bytes()
         for node in ast.walk(ast.parse(found[name])):
             modules = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             if isinstance(node, ast.ImportFrom):
                 modules = [f"{node.module}.{alias.name}" for alias in node.names]
-            waiting += [module.split(".")[2] for module in modules if module.startswith("usbench.envs.")]
+            waiting += [own for module in modules if (own := _own_module(module))]
     return found
+
+
+def _own_module(imported: str) -> str:
+    """Return the module below usbench.envs that an import names, or takes a name from; "" if none."""
+    name = imported.removeprefix("usbench.envs.")
+    if name == imported:
+        return ""
+    return name if _file(name).exists() else name.rpartition(".")[0]
+
+
+def _file(name: str) -> Path:
+    return Path(__file__).parent.joinpath(*name.split(".")).with_suffix(".py")
 
 
 def _simulator() -> str:
@@ -68,7 +80,7 @@ def _simulator() -> str:
 
 def _anatomy() -> str:
     """Return a hash of the code that turns an image into tissue, or into frames."""
-    return hashlib.sha256(repr(sorted(sources("anatomy").items())).encode()).hexdigest()
+    return hashlib.sha256(repr(sorted(sources("anatomy.tissue").items())).encode()).hexdigest()
 
 
 # Taken when the code is: sources that change later are not what this process runs.
@@ -87,7 +99,7 @@ class FrameStore:
         self._loaded = False
         made_by = (SIMULATOR, ANATOMY) if isinstance(phantom, Anatomy) else (SIMULATOR,)
         key = hashlib.sha256(repr((*self._scene, *made_by)).encode()).hexdigest()
-        self.path = cache.frames_path(key)
+        self.path = frame_files.frames_path(key)
 
     def frame(self, pose: Pose) -> Frame:
         """Return the frame from `pose`, (height_px, width_px) uint8, read-only."""
@@ -149,8 +161,8 @@ class FrameStore:
             )
 
     def _read(self) -> None:
-        contents = cache.read(self.path)
-        cache.mark_used(self.path)
+        contents = frame_files.read(self.path)
+        frame_files.mark_used(self.path)
         for pose, frame in zip(contents.poses.tolist(), contents.frames, strict=True):
             self._keep(from_row(pose), frame)
 
@@ -167,7 +179,7 @@ class FrameStore:
         frames = np.stack(list(self._frames.values()))
         scene = " ".join(map(_in_words, self._scene))
         try:
-            cache.write(self.path, cache.Contents(scene, SIMULATOR, poses, frames))
+            frame_files.write(self.path, frame_files.Contents(scene, SIMULATOR, poses, frames))
         except OSError as error:
             warnings.warn(f"frames are not kept on disk: {error}.", stacklevel=3)
 

@@ -8,14 +8,14 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
-from usbench.envs.anatomy import Anatomy
+from usbench.envs.anatomy.tissue import Anatomy
 from usbench.envs.bmode import Imaging
 from usbench.envs.frames import FrameStore, Tissue, frame_store
-from usbench.envs.likeness import likeness, standard_view
+from usbench.envs.image_reward import likeness, standard_view
 from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Move, Pose, coordinates, sin_deg
 from usbench.envs.probe import LinearArray
-from usbench.envs.scene import draw_scene
+from usbench.envs.scene_picture import draw_scene
 from usbench.envs.task import COORDINATES, IMAGE, REWARDS, Task, check_noise, check_reward, unknown
 
 T = TypeVar("T")

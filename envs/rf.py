@@ -17,10 +17,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy import fft
 
-from usbench.envs.elevation import ElevationTaps, elevation_taps
+from usbench.envs.field.elevation import ElevationTaps, elevation_taps
+from usbench.envs.field.response_table import BLOCK, FEWEST_SHARED, ResponseTable, response_table
+from usbench.envs.field.summation import N_FIR, N_PHASES, accumulate, delay_filters, merge
 from usbench.envs.probe import LinearArray
-from usbench.envs.response import BLOCK, FEWEST_SHARED, ResponseTable, response_table
-from usbench.envs.summation import N_FIR, N_PHASES, accumulate, delay_filters, merge
 from usbench.envs.threads import divided, in_parallel
 
 _MAX_DISTANCE = 0.5

@@ -12,8 +12,9 @@ FOLDERS = {"usbench": "usbench", "usbench.envs": "envs", "usbench.agents": "agen
 PHYSICS = ("pose", "phantom", "probe", "rf", "bmode", "scanner", "frames")
 # Pure readers of records; the terminal's part of it is imported by the command line alone.
 READERS = (
-    "usbench.records", "usbench.plots", "usbench.figures", "usbench.leaderboard", "usbench.replay",
-    "usbench.report", "usbench.console", "usbench.cli",
+    "usbench.records", "usbench.figures.learning_curve", "usbench.figures.comparison",
+    "usbench.results.leaderboard", "usbench.watch.replay",
+    "usbench.report.page", "usbench.cli.console", "usbench.cli",
 )  # fmt: skip
 LEARNING = {"gymnasium", "torch", "stable_baselines3"}
 

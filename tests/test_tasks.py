@@ -6,15 +6,19 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from usbench import failures, records, replay, report_agents, report_poses, runner, suite
+from usbench import records, suite
 from usbench.agents import zoo
 from usbench.envs import oracle
-from usbench.envs.focal_point import FOCAL_POINT
 from usbench.envs.pose import Pose
-from usbench.envs.probe_plane import PROBE_PLANE
-from usbench.envs.random_phantoms import FIRST_HELD_OUT, PROBE_PLANE_RANDOM
-from usbench.evaluation import Evaluator, Recorder
+from usbench.envs.tasks.focal_point import FOCAL_POINT
+from usbench.envs.tasks.probe_plane import PROBE_PLANE
+from usbench.envs.tasks.random_phantoms import FIRST_HELD_OUT, PROBE_PLANE_RANDOM
+from usbench.figures import episode_ends
 from usbench.records import ConfigurationError
+from usbench.report import agents, poses
+from usbench.trials import runner
+from usbench.trials.evaluation import Evaluator, Recorder
+from usbench.watch import replay
 
 FULL = suite.TASKS
 RANDOM = ("fp-random", "pp-random")
@@ -141,14 +145,14 @@ def test_a_record_is_enough_to_replay_an_episode(trial):
 
 
 def test_how_its_episodes_end_and_why_it_has_no_map_can_be_said(trial):
-    (row,) = failures.shares(records.load(trial)).to_dict("records")
+    (row,) = episode_ends.shares(records.load(trial)).to_dict("records")
     task = row["task"]
     assert np.isnan(row["too_deep"]) == (task != "exam-stop")
     assert np.isnan(row["out_of_plane"]) == (task == "setup")
-    assert report_poses.silence("pp") == "" != report_poses.silence(task)
-    shown = report_agents.Shown("vpg", task, 0.25, trial.name, 0.0, (trial.name,), True, "")
-    card = report_agents.card(trial.parent, shown, None)
-    assert card.map is None and card.silence == report_poses.silence(task)
+    assert poses.silence("pp") == "" != poses.silence(task)
+    shown = agents.Shown("vpg", task, 0.25, trial.name, 0.0, (trial.name,), True, "")
+    card = agents.card(trial.parent, shown, None)
+    assert card.map is None and card.silence == poses.silence(task)
     assert "deep" in card.replay.words or task == "pp-random"
 
 
@@ -159,7 +163,7 @@ def test_objects_elsewhere_are_missed_elsewhere():
         "final_angle_deg": 0, "final_sin_angle": 0.5, "is_success": False, "target_x_mm": 5,
         "target_focal_depth_mm": 60,
     }  # fmt: skip
-    (shares,) = failures.shares(pd.DataFrame([row])).to_dict("records")
+    (shares,) = episode_ends.shares(pd.DataFrame([row])).to_dict("records")
     assert (shares["beside"], shares["too_deep"], shares["too_shallow"]) == (0, 0, 1)
     assert np.isnan(shares["out_of_plane"])
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from usbench.agents import state
+from usbench.agents import model_state
 
 Pair = namedtuple("Pair", "first second")
 VALUES = {
@@ -36,7 +36,7 @@ def through_a_file(value):
 
 @pytest.mark.parametrize("value", VALUES.values(), ids=VALUES)
 def test_plain_data_comes_back_as_it_was(value):
-    again = state._restored(through_a_file(state._plain(value)), value)
+    again = model_state._restored(through_a_file(model_state._plain(value)), value)
     assert type(again) is type(value) and repr(again) == repr(value)
     if isinstance(value, np.ndarray | np.generic):
         assert again.dtype == value.dtype
@@ -49,4 +49,4 @@ def test_plain_data_comes_back_as_it_was(value):
 )
 def test_anything_else_is_refused(value):
     with pytest.raises(TypeError):
-        state._plain(value)
+        model_state._plain(value)

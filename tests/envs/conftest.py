@@ -1,12 +1,9 @@
 """What the tests of the physics share: the reference outside the repository, and the exact model."""
 
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))  # for `import exact`; pytest's importlib mode does not do it
 
 SHARED = Path(__file__).parents[3] / "shared"
 

@@ -11,7 +11,7 @@ from stored import POSES, SCENE, coded_scan
 
 from usbench.envs import frames
 from usbench.envs.bmode import Imaging
-from usbench.envs.cache import cache_folder
+from usbench.envs.frame_files import cache_folder
 from usbench.envs.frames import FrameStore, frame_store
 from usbench.envs.phantom import ObjectOfInterest, Phantom
 from usbench.envs.pose import Pose

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from coded import CodedFrames
 
-from usbench.envs.focal_point import FOCAL_POINT, FocalPointEnv
 from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Move, Pose
-from usbench.envs.probe_plane import PROBE_PLANE, ProbePlaneEnv
+from usbench.envs.tasks.focal_point import FOCAL_POINT, FocalPointEnv
+from usbench.envs.tasks.probe_plane import PROBE_PLANE, ProbePlaneEnv
 
 IDS = ("usbench/FocalPoint-v0", "usbench/ProbePlane-v0")
 ENVS = (FocalPointEnv, ProbePlaneEnv)

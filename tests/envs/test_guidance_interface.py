@@ -14,11 +14,11 @@ from gymnasium.utils.env_checker import check_env
 
 import usbench
 from usbench.envs.bmode import Imaging
-from usbench.envs.focal_point import FOCAL_POINT, FocalPointEnv
 from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Pose
 from usbench.envs.probe import LinearArray
-from usbench.envs.probe_plane import ProbePlaneEnv
+from usbench.envs.tasks.focal_point import FOCAL_POINT, FocalPointEnv
+from usbench.envs.tasks.probe_plane import ProbePlaneEnv
 
 IDS = ("usbench/FocalPoint-v0", "usbench/ProbePlane-v0")
 ENVS = (FocalPointEnv, ProbePlaneEnv)

@@ -5,9 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from usbench.envs.focal_point import FOCAL_POINT, FocalPointEnv
 from usbench.envs.pose import Move
-from usbench.envs.probe_plane import PROBE_PLANE, ProbePlaneEnv
+from usbench.envs.tasks.focal_point import FOCAL_POINT, FocalPointEnv
+from usbench.envs.tasks.probe_plane import PROBE_PLANE, ProbePlaneEnv
 
 ENVS = (FocalPointEnv, ProbePlaneEnv)
 

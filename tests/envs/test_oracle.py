@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from brute_force import expectimax
 
-from usbench.envs.focal_point import FOCAL_POINT, FocalPointEnv
 from usbench.envs.oracle import policy, returns
 from usbench.envs.pose import Pose
-from usbench.envs.probe_plane import PROBE_PLANE, ProbePlaneEnv
+from usbench.envs.tasks.focal_point import FOCAL_POINT, FocalPointEnv
+from usbench.envs.tasks.probe_plane import PROBE_PLANE, ProbePlaneEnv
 
 TARGET = Pose(0, 50, 0)
 

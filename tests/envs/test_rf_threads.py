@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from echoes import CLOUD, SMALL, WEIGHTS
 
-from usbench.envs import elevation, response, threads
+from usbench.envs import threads
+from usbench.envs.field import elevation, response_table
 from usbench.envs.probe import LinearArray
 from usbench.envs.rf import simulate_iq
 
 
 def _digest():
-    response.forget_tables()
+    response_table.forget_tables()
     elevation.elevation_taps.cache_clear()
     array = LinearArray(**SMALL)
     iq, _ = simulate_iq(CLOUD, WEIGHTS, array, 35e-3, np.arange(-7, 8) * 1.3e-3)

@@ -8,11 +8,11 @@ import pytest
 
 import usbench  # noqa: F401  (registers the ids)
 from usbench.envs.bmode import Imaging
-from usbench.envs.focal_point import FOCAL_POINT
 from usbench.envs.frames import frame_store
 from usbench.envs.phantom import Phantom
 from usbench.envs.probe import LinearArray
-from usbench.envs.probe_plane import PROBE_PLANE
+from usbench.envs.tasks.focal_point import FOCAL_POINT
+from usbench.envs.tasks.probe_plane import PROBE_PLANE
 from usbench.envs.wrappers import MEAN, STD, ImageStack, NormalizeImage
 
 

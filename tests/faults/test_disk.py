@@ -2,16 +2,12 @@
 
 import os
 import subprocess
-import sys
-from pathlib import Path
 
+import children
 import pytest
+import trials
 
 from usbench import records
-
-sys.path.insert(0, str(Path(__file__).parent))
-import children
-import trials
 
 pytestmark = pytest.mark.faults
 

@@ -3,17 +3,13 @@
 import os
 import random
 import signal
-import sys
 import time
-from pathlib import Path
 
+import children
 import pytest
+import trials
 
 from usbench import records
-
-sys.path.insert(0, str(Path(__file__).parent))
-import children
-import trials
 
 pytestmark = pytest.mark.faults
 

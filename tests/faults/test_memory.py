@@ -1,14 +1,11 @@
 """Memory stays flat, over the length of a trial and over many trials in one process."""
 
 import dataclasses
-import sys
 from pathlib import Path
 
+import children
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-import children
 import trials
 
 pytestmark = [

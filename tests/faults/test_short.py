@@ -3,15 +3,12 @@
 import os
 import random
 import signal
-import sys
 import time
-from pathlib import Path
 
-from usbench import records
-
-sys.path.insert(0, str(Path(__file__).parent))
 import children
 import trials
+
+from usbench import records
 
 
 def test_trial_killed_twice(undisturbed, quick, tmp_path):

@@ -2,9 +2,9 @@
 
 import pandas as pd
 import pytest
-from tables import seeds, tables, trial
+from made_tables import made, seeds, trial
 
-from usbench import leaderboard, results
+from usbench.results import leaderboard, tables
 
 GRID = [
     *seeds("vpg", [0.5, 0.6, 0.7, 0.8]),
@@ -22,28 +22,28 @@ def lines(text, start):
 def test_same_results_same_bytes_whatever_their_order(tmp_path):
     contents = []
     for name, trials in (("a", GRID), ("b", GRID[::-1]), ("c", GRID)):
-        results.write(tables(*sorted(trials, key=lambda row: (row["algo"], row["seed"]))), tmp_path / name)
+        tables.write(made(*sorted(trials, key=lambda row: (row["algo"], row["seed"]))), tmp_path / name)
         paths = leaderboard.write(tmp_path / name, tmp_path / name / "leaderboard.md")
         contents.append([path.read_bytes() for path in paths])
     assert contents[0] == contents[1] == contents[2]
 
 
 def test_opens_with_the_answer():
-    text = leaderboard.markdown(tables(*GRID))
+    text = leaderboard.markdown(made(*GRID))
     title, answer = text.split("\n\n")[:2]
     assert title == "# Leaderboard"
     assert answer.startswith("So far (8 of 9 trials are finished) `ppo` comes closest")
 
 
 def test_rows_are_ranked_with_floor_and_ceiling_last():
-    text = leaderboard.markdown(tables(*GRID))
+    text = leaderboard.markdown(made(*GRID))
     cell = text.split("## fp, noise 0")[1].split("## How")[0]
     agents = [line.split(" | ")[0].strip("| ") for line in lines(cell, "| `")]
     assert agents == ["`ppo`", "`vpg`", "`oracle` (not learned)", "`random` (not learned)"]
 
 
 def test_numbers_of_a_row():
-    text = leaderboard.markdown(tables(*seeds("vpg", [0.5, 0.5])))
+    text = leaderboard.markdown(made(*seeds("vpg", [0.5, 0.5])))
     row = lines(text.split("## fp, noise 0")[1], "| `vpg`")[0]
     assert [entry.strip() for entry in row.strip("|").split("|")] == [
         "`vpg`",
@@ -62,13 +62,13 @@ def test_numbers_of_a_row():
 
 
 def test_missing_seeds_are_seen_and_named():
-    text = leaderboard.markdown(tables(*GRID))
+    text = leaderboard.markdown(made(*GRID))
     assert len(lines(text, "| `ppo` | 4/5 |")) == 2
     assert "`ppo` on fp, noise 0: seed 4 failed (OSError: disk full)." in text
 
 
 def test_no_number_is_a_dash_and_minus_zero_is_zero():
-    text = leaderboard.markdown(tables(*GRID, trial("a2c", status="missing")))
+    text = leaderboard.markdown(made(*GRID, trial("a2c", status="missing")))
     assert "nan" not in text.lower()
     assert "| `a2c` | 0/5 | – | – | – |" in text
     assert (
@@ -79,15 +79,15 @@ def test_no_number_is_a_dash_and_minus_zero_is_zero():
 
 
 def test_improvement_is_bold_where_it_is_sure():
-    text = leaderboard.markdown(tables(*GRID))
+    text = leaderboard.markdown(made(*GRID))
     assert "| `ppo` | – | **1.00** |" in text and "| `vpg` | **0.00** | – |" in text
-    text = leaderboard.markdown(tables(*seeds("vpg", [0.1, 0.5]), *seeds("ppo", [0.2, 0.4])))
+    text = leaderboard.markdown(made(*seeds("vpg", [0.1, 0.5]), *seeds("ppo", [0.2, 0.4])))
     assert "| `ppo` | – | 0.50 |" in text
 
 
 def test_other_tasks_have_a_table_of_their_own():
     exam = [trial(algo, score, task="exam", steps=32_128) for algo, score in (("vpg", 0.2), ("ppo", 0.3))]
-    text = leaderboard.markdown(tables(*seeds("vpg", [0.5]), *seeds("a2c", [0.6]), *exam))
+    text = leaderboard.markdown(made(*seeds("vpg", [0.5]), *seeds("a2c", [0.6]), *exam))
     headings = lines(text, "## ")
     assert headings[:4] == [
         "## The paper's tasks together",
@@ -101,19 +101,19 @@ def test_other_tasks_have_a_table_of_their_own():
 
 def test_environments_with_exact_returns_of_their_own_are_said():
     mine = trial("a2c", optimal=-2.0, settings='{"environment": "mine"}')
-    text = leaderboard.markdown(tables(trial("vpg"), mine))
+    text = leaderboard.markdown(made(trial("vpg"), mine))
     assert "The trials are from different environments: each has exact returns of its own." in text
     assert "## All cells together" not in text and "no algorithm has finished trials in every cell" in text
 
 
 def test_anchors_that_differ_by_less_than_is_shown_are_the_same():
     trials = [trial("vpg"), trial("vpg", seed=1, random=-21.00004, stay=-22.59996)]
-    text = leaderboard.markdown(tables(*trials))
+    text = leaderboard.markdown(made(*trials))
     assert "Exact returns: optimum -5.00 (score 1), random hand -21.00 (score 0), never moving -22.60" in text
 
 
 def test_agent_outside_the_table_of_all_cells_is_explained():
-    known = tables(*seeds("vpg", [0.5, 0.6]), *seeds("vpg", [0.5, 0.6], task="pp"), trial("ppo", 0.9))
+    known = made(*seeds("vpg", [0.5, 0.6]), *seeds("vpg", [0.5, 0.6], task="pp"), trial("ppo", 0.9))
     assert (
         "`ppo` is not in the table of all cells: no finished trial in pp, noise 0."
         in leaderboard.markdown(known)
@@ -121,20 +121,20 @@ def test_agent_outside_the_table_of_all_cells_is_explained():
 
 
 def test_configurations_of_a_cell_are_named_rows():
-    text = leaderboard.markdown(tables(trial("vpg"), trial("vpg", 0.7, configuration="00000002", trial="b")))
+    text = leaderboard.markdown(made(trial("vpg"), trial("vpg", 0.7, configuration="00000002", trial="b")))
     assert [line[:20] for line in lines(text, "| `vpg`")] == ["| `vpg` `00000002` |", "| `vpg` `00000001` |"]
 
 
 def test_nothing_finished_is_a_leaderboard_too(tmp_path):
-    results.write(tables(trial("vpg", status="missing", optimal=float("nan"))), tmp_path)
+    tables.write(made(trial("vpg", status="missing", optimal=float("nan"))), tmp_path)
     text = leaderboard.write(tmp_path, tmp_path / "leaderboard.md")[0].read_text()
     assert "No trial has begun." in text and "| `vpg` | 0/1 |" in text
-    results.write(tables(), tmp_path)
+    tables.write(made(), tmp_path)
     assert leaderboard.write(tmp_path, tmp_path / "leaderboard.md")[0].read_text().startswith("# Leaderboard")
 
 
 def test_scores_open_in_pandas_in_one_line(tmp_path):
-    results.write(tables(*GRID), tmp_path)
+    tables.write(made(*GRID), tmp_path)
     leaderboard.write(tmp_path, tmp_path / "leaderboard.md")
     table = pd.read_csv(tmp_path / "scores.csv", dtype={"configuration": str})
     row = table.query("algo == 'vpg' and actions == 'greedy'").iloc[0]

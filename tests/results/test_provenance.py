@@ -1,9 +1,9 @@
 """Where results come from, and what a reader has to know."""
 
 import pytest
-from tables import seeds, tables, trial
+from made_tables import made, seeds, trial
 
-from usbench import provenance
+from usbench.results import provenance
 
 
 def grid(**changes):
@@ -17,19 +17,19 @@ def grid(**changes):
 
 
 def test_whole_grid_is_one_command():
-    trials = tables(*grid(), trial("oracle", 1.0)).trials
+    trials = made(*grid(), trial("oracle", 1.0)).trials
     expected = "usbench compare --algos a2c vpg --tasks fp pp --noise 0 0.25 --seeds 2"
     assert provenance.commands(trials) == [expected]
     assert f"```\n{expected}\n```" in provenance.making(trials)
 
 
 def test_budget_that_is_not_the_tasks_is_named():
-    assert provenance.commands(tables(*grid(steps=64)).trials)[0].endswith("--seeds 2 --steps 64")
+    assert provenance.commands(made(*grid(steps=64)).trials)[0].endswith("--seeds 2 --steps 64")
 
 
 def test_what_several_comparisons_made_names_each():
     exam = [trial(algo, task="exam", steps=32_128) for algo in ("vpg", "a2c")]
-    trials = tables(*grid(), *exam, trial("dqn", task="pp")).trials
+    trials = made(*grid(), *exam, trial("dqn", task="pp")).trials
     expected = [
         "usbench compare --algos a2c vpg --tasks exam --noise 0 --seeds 1",
         "usbench compare --algos a2c vpg --tasks fp pp --noise 0 0.25 --seeds 2",
@@ -55,12 +55,12 @@ def test_what_several_comparisons_made_names_each():
     ids=["hole", "seeds", "budget", "configurations", "no learner in a cell", "no learner", "nothing"],
 )
 def test_what_no_comparisons_make_names_none(trials):
-    assert provenance.commands(tables(*trials).trials) == []
+    assert provenance.commands(made(*trials).trials) == []
 
 
 def test_different_environments_are_said():
     mine = trial("a2c", settings='{"environment": "mine", "gamma": 0.99}')
-    (note,) = provenance.notes(tables(trial("vpg"), mine).trials)
+    (note,) = provenance.notes(made(trial("vpg"), mine).trials)
     assert note == (
         "Trials on fp, noise 0 are from different environments (their digests): vpg in e; a2c in mine. "
         "Their scores cannot be compared."
@@ -68,18 +68,18 @@ def test_different_environments_are_said():
 
 
 def test_hours_are_those_of_finished_trials():
-    trials = tables(*seeds("vpg", [0.5] * 30), trial("vpg", seed=30, status="failed")).trials
+    trials = made(*seeds("vpg", [0.5] * 30), trial("vpg", seed=30, status="failed")).trials
     assert "30 of 31 trials are finished" in provenance.making(trials)
     assert "1.50 hours on one core, 1.00 of them training" in provenance.making(trials)
     assert "Versions: numpy 2.0, torch 2.5." in provenance.making(trials)
 
 
 def test_nothing_unusual_needs_no_note():
-    assert provenance.notes(tables(*grid(), trial("random", 0.0)).trials) == []
+    assert provenance.notes(made(*grid(), trial("random", 0.0)).trials) == []
 
 
 def test_unfinished_trials_are_named_with_their_reason():
-    trials = tables(
+    trials = made(
         trial("vpg"),
         trial("vpg", seed=1, status="missing"),
         trial("vpg", seed=2, status="failed", reason="OSError: disk\nfull"),
@@ -94,13 +94,13 @@ def test_unfinished_trials_are_named_with_their_reason():
 
 def test_configurations_are_told_apart_by_what_differs():
     other = {"configuration": "00000002", "settings": '{"environment": "e", "gamma": 0.9}'}
-    (note,) = provenance.notes(tables(trial("vpg"), trial("vpg", **other)).trials)
+    (note,) = provenance.notes(made(trial("vpg"), trial("vpg", **other)).trials)
     assert "in 2 configurations" in note
     assert "`00000001` has gamma=0.99; `00000002` has gamma=0.9." in note
 
 
 def test_different_budgets_and_seeds_are_said():
-    notes = provenance.notes(tables(trial("vpg"), trial("a2c", seed=1, steps=320)).trials)
+    notes = provenance.notes(made(trial("vpg"), trial("a2c", seed=1, steps=320)).trials)
     assert notes == [
         "Training budgets on fp differ: 320 steps for a2c; 16064 steps for vpg.",
         "Seeds differ on fp, noise 0: 0 for vpg; 1 for a2c.",
@@ -112,7 +112,7 @@ def test_different_versions_and_frames_are_said():
         trial("vpg", seed=3, versions="numpy 2.0, torch 2.4", frames="def"),
         trial("vpg", task="pp", seed=3, frames="other task"),
     ]
-    *notes, why = provenance.notes(tables(*trials).trials)
+    *notes, why = provenance.notes(made(*trials).trials)
     assert notes == [
         "Versions of torch differ between trials: 2.5 in 4, 2.4 in 1 (`fp-p0-vpg-s3`).",
         "Frames of fp differ between trials (their digests): abc in 3, def in 1 (`fp-p0-vpg-s3`).",
@@ -122,5 +122,5 @@ def test_different_versions_and_frames_are_said():
 
 def test_version_that_only_some_recorded_is_said():
     trials = [trial("vpg", seed=0), trial("vpg", seed=1), trial("vpg", seed=2, versions="")]
-    notes = provenance.notes(tables(*trials).trials)
+    notes = provenance.notes(made(*trials).trials)
     assert "Versions of torch differ between trials: 2.5 in 2, not recorded in 1 (`fp-p0-vpg-s2`)." in notes

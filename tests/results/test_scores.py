@@ -3,9 +3,9 @@
 import numpy as np
 import pandas as pd
 import pytest
-from tables import seeds, tables, trial
+from made_tables import made, seeds, trial
 
-from usbench import scores
+from usbench.results import scores
 
 
 def cell(known, **names):
@@ -17,7 +17,7 @@ def cell(known, **names):
 
 
 def test_cell_by_hand():
-    row = cell(tables(*seeds("vpg", [0.2, 0.4, 0.6, 1.0])), actions="greedy")
+    row = cell(made(*seeds("vpg", [0.2, 0.4, 0.6, 1.0])), actions="greedy")
     # The middle two of four seeds.
     assert row["score"] == pytest.approx(0.5)
     assert 0.2 <= row["score_low"] < 0.5 < row["score_high"] <= 1.0
@@ -30,36 +30,36 @@ def test_cell_by_hand():
 
 
 def test_drawn_actions_have_a_row_of_their_own():
-    row = cell(tables(*seeds("vpg", [0.4, 0.6])), actions="drawn")
+    row = cell(made(*seeds("vpg", [0.4, 0.6])), actions="drawn")
     assert row["score"] == pytest.approx(0.4)
 
 
 def test_single_seed_has_no_interval():
-    row = cell(tables(trial("vpg", 0.4)), actions="greedy")
+    row = cell(made(trial("vpg", 0.4)), actions="greedy")
     assert row["score"] == 0.4 and np.isnan(row["score_low"]) and np.isnan(row["score_high"])
 
 
 def test_unfinished_trials_are_counted_and_never_averaged():
-    known = tables(*seeds("vpg", [0.2, 0.4]), trial("vpg", 0.9, seed=2, status="failed"))
+    known = made(*seeds("vpg", [0.2, 0.4]), trial("vpg", 0.9, seed=2, status="failed"))
     row = cell(known, actions="greedy")
     assert (row["seeds"], row["seeds_asked"]) == (2, 3)
     assert row["normalized_score"] == pytest.approx(0.3)
 
 
 def test_cell_without_a_finished_trial_is_a_row_of_nan():
-    row = cell(tables(trial("vpg", status="running")), actions="greedy")
+    row = cell(made(trial("vpg", status="running")), actions="greedy")
     assert row["seeds"] == 0 and np.isnan(row["score"]) and np.isnan(row["training_minutes"])
 
 
 def test_seeds_asked_are_those_of_all_learners_but_not_for_what_does_not_learn():
-    known = tables(*seeds("vpg", [0.2, 0.4, 0.6]), *seeds("a2c", [0.5]), trial("oracle", 1.0))
+    known = made(*seeds("vpg", [0.2, 0.4, 0.6]), *seeds("a2c", [0.5]), trial("oracle", 1.0))
     assert cell(known, algo="a2c", actions="greedy")["seeds_asked"] == 3
     assert cell(known, algo="oracle", actions="greedy")["seeds_asked"] == 1
 
 
 def test_configurations_are_never_mixed():
     other = trial("vpg", 0.9, seed=1, trial="other", configuration="00000002")
-    known = tables(trial("vpg", 0.1), other)
+    known = made(trial("vpg", 0.1), other)
     assert list(scores.cells(known).query("actions == 'greedy'")["score"]) == [0.1, 0.9]
     found, reasons = scores.matrices(known)
     assert not found and reasons == {"vpg": "more than one configuration in fp, noise 0"}
@@ -67,13 +67,13 @@ def test_configurations_are_never_mixed():
 
 
 def test_row_does_not_change_when_another_agent_is_added():
-    alone = scores.cells(tables(*seeds("vpg", [0.2, 0.4, 0.7])))
-    both = scores.cells(tables(*seeds("vpg", [0.2, 0.4, 0.7]), *seeds("a2c", [0.1, 0.3, 0.9])))
+    alone = scores.cells(made(*seeds("vpg", [0.2, 0.4, 0.7])))
+    both = scores.cells(made(*seeds("vpg", [0.2, 0.4, 0.7]), *seeds("a2c", [0.1, 0.3, 0.9])))
     pd.testing.assert_frame_equal(both[both["algo"] == "vpg"].reset_index(drop=True), alone)
 
 
 def test_matrix_has_the_seeds_that_are_finished_everywhere():
-    known = tables(
+    known = made(
         *seeds("vpg", [0.1, 0.2, 0.3]),
         *seeds("vpg", [0.4, 0.5], task="pp"),
         *seeds("a2c", [0.6]),
@@ -90,7 +90,7 @@ def test_matrix_has_the_seeds_that_are_finished_everywhere():
 
 
 def test_overall_is_sorted_and_ties_go_by_name():
-    known = tables(*seeds("vpg", [0.5, 0.5]), *seeds("a2c", [0.5, 0.5]), *seeds("ppo", [0.7, 0.9]))
+    known = made(*seeds("vpg", [0.5, 0.5]), *seeds("a2c", [0.5, 0.5]), *seeds("ppo", [0.7, 0.9]))
     table = scores.overall(scores.matrices(known)[0])
     assert list(table["algo"]) == ["ppo", "a2c", "vpg"]
     assert list(table["score"]) == pytest.approx([0.8, 0.5, 0.5])
@@ -98,7 +98,7 @@ def test_overall_is_sorted_and_ties_go_by_name():
 
 
 def test_only_what_learns_is_among_the_learners():
-    known = tables(trial("vpg"), trial("oracle", 1.0), trial("random", 0.0))
+    known = made(trial("vpg"), trial("oracle", 1.0), trial("random", 0.0))
     assert list(scores.matrices(known)[0]) == ["oracle", "random", "vpg"]
     assert list(scores.learners(known)) == ["vpg"]
 
@@ -114,7 +114,7 @@ def test_improvement_in_both_directions():
 
 def test_papers_tasks_are_averaged_apart_from_others():
     exam = seeds("vpg", [0.1], task="exam")
-    known = tables(*seeds("vpg", [0.5, 0.7]), *seeds("a2c", [0.6]), *exam, trial("oracle", 1.0, task="exam"))
+    known = made(*seeds("vpg", [0.5, 0.7]), *seeds("a2c", [0.6]), *exam, trial("oracle", 1.0, task="exam"))
     parts = scores.parts(known)
     assert list(parts) == [scores.PAPERS, scores.OTHERS]
     assert scores.matrices(parts[scores.PAPERS])[0]["vpg"].tolist() == [[0.5], [0.7]]
@@ -127,27 +127,27 @@ def test_papers_tasks_are_averaged_apart_from_others():
 @pytest.mark.parametrize("task", ["fp", "exam"])
 def test_tasks_of_one_kind_are_averaged_together(task):
     # That agents which do not learn were on another task makes no second kind.
-    known = tables(trial("vpg", task=task), trial("oracle", task="setup"))
+    known = made(trial("vpg", task=task), trial("oracle", task="setup"))
     assert scores.parts(known) == {scores.ALL: known}
 
 
 def test_nothing_is_averaged_over_different_environments():
     mine = trial("a2c", 0.9, settings='{"environment": "mine"}')
-    found, reasons = scores.matrices(tables(trial("vpg"), mine))
+    found, reasons = scores.matrices(made(trial("vpg"), mine))
     assert not found
     assert reasons == dict.fromkeys(("a2c", "vpg"), "trials of fp, noise 0 are from different environments")
 
 
 def test_value_based_agents_have_no_score_with_drawn_actions():
     explores = {"settings": '{"environment": "e", "exploration_final_eps": 0.05}'}
-    known = tables(trial("vpg", 0.5), trial("dqn", 0.9, **explores))
+    known = made(trial("vpg", 0.5), trial("dqn", 0.9, **explores))
     assert cell(known, algo="vpg", actions="drawn")["score"] == pytest.approx(0.4)
     assert np.isnan(cell(known, algo="dqn", actions="drawn")["score"])
     assert cell(known, algo="dqn", actions="greedy")["score"] == 0.9
 
 
 def test_area_is_over_the_steps_that_an_agent_had_learned_from():
-    known = tables(trial("vpg", 0.8))
+    known = made(trial("vpg", 0.8))
     # From 0 over 0.4 to 0.8; a long rollout moves the checkpoint in the middle to three quarters.
     assert cell(known, actions="greedy")["area_under_curve"] == pytest.approx(0.4)
     middle = (known.curves["kind"] == "greedy") & (known.curves["step"] == 8032)
@@ -156,13 +156,13 @@ def test_area_is_over_the_steps_that_an_agent_had_learned_from():
 
 
 def test_learning_curves_hold_every_checkpoint_of_what_learns():
-    table = scores.learning_curves(tables(*seeds("vpg", [0.4, 0.8]), trial("oracle", 1.0)))
+    table = scores.learning_curves(made(*seeds("vpg", [0.4, 0.8]), trial("oracle", 1.0)))
     assert list(table["agent"].unique()) == ["vpg"]
     assert list(table["step"]) == [0, 8032, 16064]
     assert list(table["score"]) == pytest.approx([0.0, 0.3, 0.6])
 
 
 def test_no_results_are_empty_tables():
-    empty = tables()
+    empty = made()
     assert scores.cells(empty).empty and scores.learning_curves(empty).empty
     assert scores.matrices(empty) == ({}, {})

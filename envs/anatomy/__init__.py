@@ -1,0 +1,1 @@
+"""Custom anatomy: a 3-D image as tissue, simulated or sliced."""

@@ -1,0 +1,1 @@
+"""How the RF of `usbench.envs.rf` is computed fast: responses, their tables, compiled sums."""

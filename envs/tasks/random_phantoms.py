@@ -1,0 +1,185 @@
+"""Phantoms that differ from episode to episode: what an agent finds in tissue that it has never seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from usbench.envs.field.response_table import keep_tables
+from usbench.envs.guidance import GuidanceEnv
+from usbench.envs.phantom import ObjectOfInterest, Phantom
+from usbench.envs.pose import Pose, whole_number
+from usbench.envs.tasks.focal_point import FOCAL_POINT
+from usbench.envs.tasks.probe_plane import PROBE_PLANE
+
+# Phantoms with seeds from here on are for evaluation; training draws its own below, so the two never meet.
+FIRST_HELD_OUT = 2**31
+LAST = 2**32 - 1
+
+
+def phantom_number(value: Any) -> int:
+    """Return `value` as the number of a phantom, or raise TypeError or ValueError."""
+    number = whole_number("phantom", value)
+    if not 0 <= number <= LAST:
+        raise ValueError(f"phantom must be a whole number in [0, {LAST}], not {number}.")
+    return number
+
+
+@dataclass(frozen=True)
+class PhantomDistribution:
+    """Where the object lies and how it looks: each value drawn evenly, contrast evenly in its logarithm.
+
+    Attributes:
+        x_mm: Lateral positions.
+        depth_mm: Depths of the body's centre.
+        angle_deg: Rotations of the object's plane.
+        scale: Least and largest size relative to the paper's object.
+        contrast: Least and largest standard deviation of the object's amplitudes relative to the tissue's.
+    """
+
+    x_mm: tuple[int, ...]
+    depth_mm: tuple[int, ...]
+    angle_deg: tuple[int, ...]
+    scale: tuple[float, float] = (0.7, 1.1)
+    contrast: tuple[float, float] = (5.0, 20.0)
+
+    def phantom(self, seed: int) -> Phantom:
+        """Return the phantom of `seed`, from which all of it follows: object, place and speckle."""
+        # Another stream than that of the speckle, which the seed alone begins.
+        rng = np.random.default_rng([seed, 1])
+        x_mm, depth_mm, angle_deg = (
+            int(rng.choice(values)) for values in (self.x_mm, self.depth_mm, self.angle_deg)
+        )
+        scale = float(rng.uniform(*self.scale))
+        contrast = float(np.exp(rng.uniform(*np.log(self.contrast))))
+        return Phantom(
+            seed=seed,
+            object_of_interest=ObjectOfInterest(x_mm, depth_mm, angle_deg, scale=scale, contrast=contrast),
+        )
+
+
+class RandomPhantomEnv(GuidanceEnv):
+    """A task with a new phantom in every episode; subclasses are a task's own class beside this one.
+
+    Args:
+        phantoms: What phantoms are drawn from; default: the task's own.
+        kwargs: As for `GuidanceEnv`, without `phantom`.
+    """
+
+    distribution: ClassVar[PhantomDistribution]
+    scene = ("phantoms", "probe", "imaging")
+    phantom: Phantom
+
+    def __init__(self, *, phantoms: PhantomDistribution | None = None, **kwargs: Any) -> None:
+        """Check the configuration; the first phantom comes with the first reset."""
+        if "phantom" in kwargs:
+            raise TypeError("phantom is drawn anew in every episode: pass phantoms, what it is drawn from.")
+        if phantoms is not None and not isinstance(phantoms, PhantomDistribution):
+            raise TypeError(f"phantoms must be of type PhantomDistribution, not {phantoms!r}.")
+        super().__init__(**kwargs)
+        self.phantoms = phantoms or self.distribution
+        keep_tables(len({pose.focal_depth_mm for pose in self.task.states}))
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[npt.NDArray[np.uint8], dict[str, Any]]:
+        """Draw a phantom and put the probe on a start pose.
+
+        Args:
+            seed: As in `GuidanceEnv.reset`.
+            options: As there, and "phantom", the number of the phantom in place of the drawn one: below
+                2**31 those of training, from there to 2**32 - 1 those kept for evaluation.
+
+        Raises:
+            TypeError: If an option is not a number.
+            ValueError: If an option is unknown, not a whole number or out of range.
+        """
+        super(GuidanceEnv, self).reset(seed=seed)
+        # Drawn even where options replace it, so that they do not shift the stream.
+        number = int(self.np_random.integers(FIRST_HELD_OUT))
+        if isinstance(options, dict) and "phantom" in options:
+            options = dict(options)
+            number = phantom_number(options.pop("phantom"))
+        self.phantom = self.phantoms.phantom(number)
+        self.target = self.phantom.target
+        self._frames = None
+        return super().reset(options=options)
+
+    def _info(self, displaced: dict[str, int]) -> dict[str, Any]:
+        return {**super()._info(displaced), "phantom": self.phantom.seed, **self._target_info()}
+
+
+_ANGLES = tuple(range(0, 360, 15))
+
+FOCAL_POINT_RANDOM = replace(FOCAL_POINT, name="fp-random", title="Focal point, new phantoms")
+PROBE_PLANE_RANDOM = replace(
+    PROBE_PLANE,
+    name="pp-random",
+    title="Probe plane, new phantoms",
+    # The object's plane may have any angle, so the probe begins with any.
+    starts=tuple(Pose(x_mm, 50, angle) for x_mm in range(-15, 16, 5) for angle in _ANGLES),
+)
+
+
+class FocalPointRandomEnv(RandomPhantomEnv):
+    """Find the position of the probe and the depth of its focus, in tissue that was never seen before.
+
+    ## Description
+    The task of `FocalPointEnv` with a new phantom in every episode: other speckle, and an object of another
+    size and contrast at another place and in another orientation. What was learnt by heart is of no use.
+
+    ## Action Space
+    As in `FocalPointEnv`.
+
+    ## Observation Space
+    As in `FocalPointEnv`; `info` also holds `phantom`, the number from which the phantom follows, and the
+    pose that shows its object best: `target_x_mm`, `target_focal_depth_mm`, `target_angle_deg`.
+
+    ## Rewards
+    As in `FocalPointEnv`, relative to the object of the episode.
+
+    ## Episode End
+    As in `FocalPointEnv`; `reset(options={"phantom": ...})` chooses the phantom.
+
+    ## Arguments
+    As in `FocalPointEnv`, with `phantoms` (`PhantomDistribution`) in place of `phantom`: by default the
+    object lies at x in {-10, -5, .., 10} mm and a depth in {35, 40, .., 65} mm, turned by any multiple of 15
+    degrees.
+    """
+
+    task = FOCAL_POINT_RANDOM
+    distribution = PhantomDistribution(tuple(range(-10, 11, 5)), tuple(range(35, 66, 5)), _ANGLES)
+
+
+class ProbePlaneRandomEnv(RandomPhantomEnv):
+    """Find the position and the rotation of the probe, in tissue that was never seen before.
+
+    ## Description
+    The task of `ProbePlaneEnv` with a new phantom in every episode: other speckle, and an object of another
+    size and contrast at another place and in another orientation. What was learnt by heart is of no use.
+
+    ## Action Space
+    As in `ProbePlaneEnv`.
+
+    ## Observation Space
+    As in `ProbePlaneEnv`; `info` also holds `phantom`, the number from which the phantom follows, and the
+    pose that shows its object best: `target_x_mm`, `target_focal_depth_mm`, `target_angle_deg`.
+
+    ## Rewards
+    As in `ProbePlaneEnv`, relative to the object of the episode.
+
+    ## Episode End
+    As in `ProbePlaneEnv`, with every multiple of 15 degrees as a start; `reset(options={"phantom": ...})`
+    chooses the phantom.
+
+    ## Arguments
+    As in `ProbePlaneEnv`, with `phantoms` (`PhantomDistribution`) in place of `phantom`: by default the
+    object lies at x in {-10, -5, .., 10} mm and a depth in {40, 45, .., 60} mm, turned by any multiple of 15
+    degrees.
+    """
+
+    task = PROBE_PLANE_RANDOM
+    distribution = PhantomDistribution(tuple(range(-10, 11, 5)), tuple(range(40, 61, 5)), _ANGLES)

@@ -1,0 +1,138 @@
+"""The command line: exit statuses, one-sentence refusals, and a trial from end to end."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from usbench import cli, records
+from usbench.trials import runner
+
+RUN = ["run", "--algo", "vpg", "--task", "pp", "--steps", "128"]
+
+
+def refusal(capsys, *argv):
+    """Run a command line that is to be refused; return its one line on stderr."""
+    assert cli.main(list(argv)) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith("usbench: error: ") and captured.err.count("\n") == 1
+    return captured.err
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        (["--algo", "vgp"], "'vpg'"),
+        (["--task", "focal"], "fp"),
+        (["--noise", "1.5"], "1.5"),
+        (["--noise", "-0.1"], "-0.1"),
+        (["--noise", "nan"], "nan"),
+        (["--noise", "loud"], "'loud'"),
+        (["--seed", "-1"], "-1"),
+        (["--seed", "0.5"], "0.5"),
+        (["--steps", "0"], "0"),
+        (["--steps", "-5"], "-5"),
+        (["--steps", "1e2x"], "1e2x"),
+        (["--n-frames", "0"], "0"),
+        (["--n-frames", "1.5"], "1.5"),
+        (["--set", "n_value_step=80"], "'n_value_steps'"),
+        (["--set", "gamma=2.0"], "2.0"),
+        (["--set", "gamma"], "name=value"),
+        (["--set", "=3"], "name=value"),
+        (["--preset", "spin"], "'spin'"),
+        (["--sed", "1"], "--sed"),
+        (["--seed"], "--seed"),
+    ],
+)
+def test_bad_arguments_are_refused_in_one_sentence(capsys, changes, said):
+    assert said in refusal(capsys, *RUN, *changes)
+
+
+@pytest.mark.parametrize(
+    ("argv", "said"), [([], "COMMAND"), (["rum"], "'rum'"), (["run", "--task", "pp"], "--algo")]
+)
+def test_incomplete_command_lines_are_refused(capsys, argv, said):
+    assert said in refusal(capsys, *argv)
+
+
+def test_output_folder_that_cannot_be_written_is_refused(capsys, tmp_path, quick):
+    (tmp_path / "file").write_text("")
+    assert "--out" in refusal(capsys, *RUN, "--out", str(tmp_path / "file"))
+    assert "--out" in refusal(capsys, *RUN, "--out", str(tmp_path / "file" / "below"))
+
+
+def test_trial_from_end_to_end_and_once_more(capsys, tmp_path, quick):
+    argv = [*RUN, "--out", str(tmp_path)]
+    assert cli.main(argv) == 0
+    captured = capsys.readouterr()
+    (folder,) = records.trial_folders(tmp_path)
+    for word in ("vpg, stochastic", "vpg, deterministic", "random", "optimal", "-3.77", "-20.71"):
+        assert word in captured.out
+    for path in (folder, folder / "learning_curve.png", folder / "replay.gif"):
+        assert f"{path}\n" in captured.out and path.exists()
+    assert "step 128: evaluation return" in captured.err
+    assert "simulating frames: 216 of 216" in captured.err
+    # Readable in a file: a few whole lines, no bars drawn over each other.
+    assert "\r" not in captured.err and captured.err.count("\n") < 20
+
+    assert cli.main(argv) == 0
+    captured = capsys.readouterr()
+    assert "finished already" in captured.out and "--overwrite" in captured.out
+    assert captured.err == ""
+
+
+def test_quiet_run_of_single_frames_tells_what_is_not_learned_from(capsys, tmp_path, quick):
+    command = [*RUN[:-1], "100", "--n-frames", "1", "--quiet", "--out", str(tmp_path)]
+    assert cli.main(command) == 0
+    captured = capsys.readouterr()
+    assert captured.err == "" and "last 36 of 100 steps" in captured.out
+    (folder,) = records.trial_folders(tmp_path)
+    assert records.read_state(folder)["config"]["n_frames"] == 1
+
+
+def test_failure_while_running_is_one_sentence_and_status_1(capsys, tmp_path, quick, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(runner, "Evaluator", full)
+    argv = [*RUN, "--quiet", "--out", str(tmp_path)]
+    assert cli.main(argv) == 1
+    error = capsys.readouterr().err
+    assert "No space left on device" in error and error.count("\n") == 1
+    with pytest.raises(runner.TrialError):
+        cli.main([*argv, "--debug"])
+
+
+def test_interruption_is_status_130_and_keeps_the_state(capsys, tmp_path, quick, monkeypatch):
+    def interrupt(*_):
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(5)
+
+    monkeypatch.setattr(runner, "Evaluator", interrupt)
+    assert cli.main([*RUN, "--quiet", "--out", str(tmp_path)]) == 130
+    assert "interrupted" in capsys.readouterr().err
+    (folder,) = records.trial_folders(tmp_path)
+    assert records.read_state(folder)["status"] == "interrupted"
+
+
+def test_list_shows_tasks_algorithms_and_defaults(capsys):
+    assert cli.main(["list"]) == 0
+    shown = capsys.readouterr().out
+    for word in ("usbench/FocalPoint-v0", "16064", "vpg", "oracle", "n_value_steps=3", "spinup"):
+        assert word in shown
+
+
+def test_help_shows_examples_and_does_not_wait_for_torch():
+    code = "import sys; from usbench.cli import main; sys.exit(main(['--help']) or 'torch' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0
+    assert "usbench run --algo vpg --task pp" in done.stdout
+
+
+def test_module_is_the_command():
+    done = subprocess.run([sys.executable, "-m", "usbench", "--version"], capture_output=True, text=True)
+    assert done.returncode == 0 and done.stdout.startswith("usbench 0.")

@@ -1,0 +1,261 @@
+"""`usbench compare` and `usbench search`: what is planned, written, refused, and the exit statuses."""
+
+import shutil
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from usbench import cli, records
+from usbench.compare import plan, sweep
+from usbench.results import tables
+
+GRID = [
+    "--algos",
+    "a2c",
+    "--tasks",
+    "pp",
+    "--noise",
+    "0.5",
+    "--seeds",
+    "2",
+    "--steps",
+    "64",
+    "--jobs",
+    "1",
+]
+# Two noise levels of three agents that do not learn: quick.
+FLOOR = ["--algos", "random", "--tasks", "pp", "--noise", "0", "0.5", "--seeds", "1", "--jobs", "1"]
+
+
+@pytest.fixture
+def here(quick, monkeypatch, tmp_path):
+    """Trials in this process, on drawn frames, in a folder of the test."""
+    monkeypatch.setitem(sweep.run.__kwdefaults__, "executor", lambda: ThreadPoolExecutor(1))
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def no_figures(monkeypatch):
+    """Figures take most of the time of a short comparison."""
+    monkeypatch.setattr("usbench.figures.comparison.write", lambda *_: [])
+
+
+def contents(folder):
+    return {path: path.read_bytes() for path in sorted(Path(folder).rglob("*")) if path.is_file()}
+
+
+def test_plan_is_the_whole_grid_with_floor_and_ceiling_once():
+    planned = plan.plan(["vpg", "dqn", "random"], ["fp", "pp"], [0, 0.25], 3, 64)
+    algos = [config.algo for config in planned]
+    assert algos.count("vpg") == algos.count("dqn") == 2 * 2 * 3
+    assert algos.count("random") == algos.count("stay") == algos.count("oracle") == 2 * 2
+    assert len({config.folder_name for config in planned}) == len(planned)
+    assert {config.steps for config in planned if config.algo in ("vpg", "dqn")} == {64}
+
+
+def test_plan_goes_seed_by_seed():
+    planned = plan.plan(["vpg", "dqn"], ["pp"], [0], 3, 64)
+    assert [config.seed for config in planned if config.steps] == [0, 0, 1, 1, 2, 2]
+
+
+def test_plan_takes_what_is_named_twice_once():
+    assert plan.plan(["vpg", "vpg"], ["pp", "pp"], [0, 0.0], 1) == plan.plan(["vpg"], ["pp"], [0], 1)
+
+
+def test_default_command_is_the_papers_grid():
+    args = cli.build_parser().parse_args(["compare"])
+    assert args.algos == ["vpg", "a2c", "ppo", "dqn"] and args.tasks == ["fp", "pp"]
+    assert args.noise == [0, 0.25, 0.5] and args.seeds == 4 and args.steps is None
+    assert args.leaderboard == Path("leaderboard.md") and args.out == Path("runs")
+
+
+def test_comparison_from_end_to_end_and_the_same_bytes_once_more(here, capsys):
+    assert cli.main(["compare", *GRID]) == 0
+    captured = capsys.readouterr()
+    assert "5 trials to run, 0 finished already" in captured.err
+    assert "[5/5] a2c on pp, noise 0.5, seed 1: finished" in captured.err
+    made = captured.out.split()
+    assert {"leaderboard.md", "scores.csv"} <= set(made) and all(Path(path).exists() for path in made)
+    board = Path("leaderboard.md").read_text()
+    for word in ("a2c", "random", "stay", "oracle", "2/2"):
+        assert word in board
+    before = contents(here)
+    assert cli.main(["compare", *GRID]) == 0
+    assert "0 trials to run, 5 finished already" in capsys.readouterr().err
+    assert contents(here) == before
+    # From all trials of the folder, which are those of this comparison.
+    shutil.rmtree("leaderboard_files")
+    assert cli.main(["leaderboard", "--runs", "runs"]) == 0
+    assert contents(here) == before
+    capsys.readouterr()
+    # From the tables alone, without the trials.
+    shutil.rmtree("runs")
+    for path in made:
+        Path(path).unlink()
+    assert cli.main(["leaderboard"]) == 0
+    assert capsys.readouterr().out.split() == made
+    assert contents(here) == {
+        path: data for path, data in before.items() if here / "runs" not in path.parents
+    }
+
+
+def test_leaderboard_without_tables_is_refused_in_one_sentence(here, capsys):
+    assert cli.main(["leaderboard"]) == 1
+    error = capsys.readouterr().err
+    assert "no trials.csv in 'leaderboard_files'" in error and error.count("\n") == 1
+
+
+def test_leaderboard_of_a_folder_without_trials_is_refused_and_overwrites_nothing(here, capsys):
+    Path("leaderboard.md").write_text("mine")
+    Path("empty").mkdir()
+    assert cli.main(["leaderboard", "--runs", "empty"]) == 2
+    error = capsys.readouterr().err
+    assert "there is no trial in 'empty'" in error and error.count("\n") == 1
+    assert contents(here) == {here / "leaderboard.md": b"mine"}
+
+
+def test_trials_in_another_environment_are_left_out_of_the_leaderboard_of_a_folder(
+    finished, no_figures, tmp_path, capsys
+):
+    state = records.read_state(finished)
+    other = finished.with_name("other")
+    shutil.copytree(finished, other)
+    state["config"]["environment"]["reward"] = "image"
+    records.write_state(other, state)
+    path = tmp_path / "leaderboard.md"
+    assert cli.main(["leaderboard", "--runs", str(finished.parent), "--leaderboard", str(path)]) == 0
+    error = capsys.readouterr().err
+    assert error == "left out, as it is not pp as it stands in the table of tasks: other\n"
+    assert list(tables.read(tmp_path / "leaderboard_files").trials["trial"]) == [finished.name]
+
+
+def test_trials_of_a_folder_are_added_to_the_tables(finished, no_figures, tmp_path, capsys):
+    path = tmp_path / "leaderboard.md"
+    assert cli.main(["leaderboard", "--runs", str(finished.parent), "--leaderboard", str(path)]) == 0
+    before = path.read_bytes()
+    # The same trial again changes nothing.
+    assert cli.main(["leaderboard", "--add", str(finished.parent), "--leaderboard", str(path)]) == 0
+    assert path.read_bytes() == before
+    assert capsys.readouterr().err == "in the tables already, with the same numbers: 1 of 1\n"
+    other = tmp_path / "more" / "other"
+    shutil.copytree(finished, other)
+    state = records.read_state(other)
+    state["config"]["seed"] += 1
+    records.write_state(other, state)
+    assert cli.main(["leaderboard", "--add", str(other.parent), "--leaderboard", str(path)]) == 0
+    trials = tables.read(tmp_path / "leaderboard_files").trials
+    assert list(trials["trial"]) == [finished.name, "other"]
+    assert capsys.readouterr().err == ""
+
+
+def test_trials_are_not_added_to_tables_that_are_not_there(finished, here, capsys):
+    assert cli.main(["leaderboard", "--add", str(finished.parent)]) == 1
+    error = capsys.readouterr().err
+    assert "no trials.csv in 'leaderboard_files'" in error and error.count("\n") == 1
+    assert not Path("leaderboard.md").exists()
+
+
+def test_report_of_nothing_is_refused_in_one_sentence(here, capsys):
+    assert cli.main(["compare", *FLOOR, "--report-only", "--out", "none"]) == 1
+    error = capsys.readouterr().err
+    assert "there is no folder 'none' with trials" in error and error.count("\n") == 1
+
+
+def test_failed_trial_is_listed_and_the_status_is_1(here, no_figures, capsys, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("usbench.agents.baselines.Stay._actions", full)
+    assert cli.main(["compare", *FLOOR]) == 1
+    error = capsys.readouterr().err
+    assert error.count("No space left on device") == 2 and "stay on pp, noise 0.5, seed 0 failed" in error
+    assert "2 of 6 trials failed" in error.splitlines()[-1]
+    assert "failed" in Path("leaderboard.md").read_text()
+
+
+def test_interrupted_comparison_goes_on_where_it_was(here, no_figures, capsys, monkeypatch):
+    real, n_calls = sweep.work, []
+
+    def interrupted(config, out):
+        n_calls.append(config)
+        if len(n_calls) == 4:
+            raise KeyboardInterrupt
+        return real(config, out)
+
+    monkeypatch.setattr(sweep, "work", interrupted)
+    assert cli.main(["compare", *FLOOR, "--quiet"]) == 130
+    assert "interrupted" in capsys.readouterr().err
+    # What there is so far, and nothing is run for it.
+    assert cli.main(["compare", *FLOOR, "--report-only"]) == 0
+    assert "3 of 6" in Path("leaderboard.md").read_text() and len(n_calls) == 4
+    capsys.readouterr()
+    assert cli.main(["compare", *FLOOR]) == 0
+    assert "3 trials to run, 3 finished already" in capsys.readouterr().err
+
+
+def test_quiet_says_nothing_on_stderr(here, no_figures, capsys):
+    assert cli.main(["compare", *FLOOR, "--quiet"]) == 0
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("command", ["compare", "search"])
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        (["--tasks", "ppp"], "'pp'"),
+        (["--noise", "1.5"], "1.5"),
+        (["--seeds", "0"], "seeds"),
+        (["--seeds", "2.5"], "2.5"),
+        (["--seeds", "many"], "'many'"),
+        (["--steps", "0"], "0"),
+        (["--jobs", "0"], "jobs"),
+        (["--jobs", "-1"], "jobs"),
+        (["--tasks"], "--tasks"),
+        (["--sed", "1"], "--sed"),
+    ],
+)
+def test_bad_arguments_are_refused_in_one_sentence(capsys, here, command, changes, said):
+    algo = ["--algo", "a2c"] if command == "search" else []
+    assert cli.main([command, *algo, *changes]) == 2
+    error = capsys.readouterr().err
+    assert said in error and error.count("\n") == 1
+    assert not list(here.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("argv", "said"),
+    [
+        (["compare", "--algos", "ppq"], "'ppo'"),
+        (["search", "--algo", "stay"], "search space"),
+        (["search", "--algo", "a2c", "--candidates", "0"], "candidates"),
+        (["search"], "--algo"),
+    ],
+)
+def test_unknown_algorithms_are_refused(capsys, here, argv, said):
+    assert cli.main(argv) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_leaderboard_that_cannot_be_written_is_refused_before_any_trial(here, capsys):
+    (here / "file").write_text("")
+    assert cli.main(["compare", *GRID, "--leaderboard", "file/leaderboard.md"]) == 2
+    assert cli.main(["compare", *GRID, "--leaderboard", "."]) == 2
+    assert capsys.readouterr().err.count("--leaderboard") == 2
+    assert not Path("runs").exists()
+
+
+def test_search_from_end_to_end(here, capsys):
+    argv = ["search", "--algo", "a2c", "--tasks", "pp", "--steps", "32", "--candidates", "2", "--quiet"]
+    assert cli.main([*argv, "--jobs", "1"]) == 0
+    table = Path(capsys.readouterr().out.strip())
+    assert table == Path("runs/search-a2c-pp-p0.25-1x32/search.md")
+    assert "2 candidates on pp" in table.read_text()
+    assert records.load("runs/search-a2c-pp-p0.25-1x32")["seed"].eq(1000).all()
+
+
+@pytest.mark.parametrize("command", ["compare", "search"])
+def test_help_shows_examples(capsys, command):
+    assert cli.main([command, "--help"]) == 0
+    assert f"  usbench {command} " in capsys.readouterr().out

@@ -1,0 +1,162 @@
+"""Many trials: what is finished is skipped, accidents stay with one trial, any number of jobs is the same."""
+
+import functools
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+import sweep_worker
+import trials
+
+from usbench import records
+from usbench.compare import sweep
+from usbench.trials import runner
+
+
+class Notes:
+    """A `sweep.Progress` that keeps what it was told."""
+
+    def __init__(self):
+        self.started_with, self.ended_with, self.again = None, [], []
+
+    def frames(self, done, total):
+        pass
+
+    def started(self, *numbers):
+        self.started_with = numbers
+
+    def ended(self, outcome):
+        self.ended_with.append(outcome)
+
+    def retried(self, config):
+        self.again.append(config.algo)
+
+
+def here():
+    """An executor in this process."""
+    return ThreadPoolExecutor(1)
+
+
+def plan(*algos, seeds=(0,), steps=64):
+    return [runner.resolve(algo, "pp", seed=seed, steps=steps, noise=0.5) for seed in seeds for algo in algos]
+
+
+def run(configs, out, executor=here, jobs=1, notes=None):
+    return sweep.run(configs, out, notes or Notes(), jobs=jobs, executor=executor)
+
+
+def journals(out):
+    return {(path.parent.name, path.name): path.read_bytes() for path in sorted(out.glob("*/*.jsonl"))}
+
+
+def test_what_is_finished_is_skipped_and_the_rest_is_run(quick, tmp_path):
+    notes = Notes()
+    assert run(plan("stay"), tmp_path, notes=notes)[0].reason is None
+    assert notes.started_with == (1, 0, 0.0)
+    before = journals(tmp_path)
+    outcomes = run(plan("stay", "random"), tmp_path, notes=notes)
+    assert [outcome.reason for outcome in outcomes] == [None, None]
+    assert notes.started_with == (1, 1, 0.0)
+    assert journals(tmp_path).items() > before.items()
+    assert not list(tmp_path.glob("*.earlier-*"))
+
+
+def test_another_configuration_is_another_trial(quick, tmp_path):
+    run(plan("stay"), tmp_path)
+    notes = Notes()
+    run([runner.resolve("stay", "pp", noise=0.25)], tmp_path, notes=notes)
+    assert notes.started_with[:2] == (1, 0)
+
+
+def test_failed_trial_is_named_and_the_others_go_on(quick, tmp_path, monkeypatch):
+    def broken(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("usbench.agents.baselines.Stay._actions", broken)
+    outcomes = run(plan("stay", "random"), tmp_path)
+    assert [outcome.config.algo for outcome in outcomes] == ["stay", "random"]
+    assert "No space left" in outcomes[0].reason and outcomes[1].reason is None
+
+
+def test_broken_record_fails_its_trial_only(quick, tmp_path):
+    broken, whole = plan("random", "stay")
+    (tmp_path / broken.folder_name).mkdir()
+    (tmp_path / broken.folder_name / records.TRIAL).write_text("not JSON")
+    outcomes = run([broken, whole], tmp_path)
+    assert "is not a trial record" in outcomes[0].reason and outcomes[1].reason is None
+
+
+def test_folder_that_cannot_be_written_is_refused(quick, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(records.ConfigurationError, match="--out"):
+        run(plan("stay"), tmp_path / "file" / "below")
+
+
+def test_expected_time_comes_from_finished_trials_of_the_same_algorithm(quick, tmp_path):
+    configs = plan("a2c", seeds=(0, 1, 2))
+    notes = Notes()
+    run(configs[:1], tmp_path, notes=notes)
+    assert notes.started_with == (1, 0, None)
+    seconds = records.read_state(tmp_path / configs[0].folder_name)["timings"]["total_s"]
+    assert sweep._expected_seconds(configs[1:], tmp_path, 2) == pytest.approx(2 * seconds / 2)
+
+
+def test_worker_that_dies_takes_only_its_trial_with_it(often, tmp_path, monkeypatch, undisturbed):
+    monkeypatch.setattr(sweep, "RETRIES", 1)
+    notes = Notes()
+    executor = functools.partial(sweep.processes, sweep_worker.dying)
+    configs = [*plan("stay"), trials.config("vpg"), trials.config("dqn")]
+    outcomes = run(configs, tmp_path, executor, jobs=2, notes=notes)
+    assert {outcome.config.algo: outcome.reason for outcome in outcomes} == {
+        "stay": "its process died 2 times (killed, or out of memory)",
+        "vpg": None,
+        "dqn": None,
+    }
+    assert notes.again == ["stay"]
+    assert not multiprocessing.active_children()
+    for config in configs[1:]:
+        assert trials.bits(tmp_path / config.folder_name) == trials.bits(undisturbed(config.algo))
+
+
+def test_interrupted_sweep_keeps_the_state_of_its_trials(quick, tmp_path):
+    config = runner.resolve("vpg", "pp", steps=100_000)
+    executor = functools.partial(sweep.processes, sweep_worker.quick)
+
+    def interrupt_when_it_runs():
+        while not list(tmp_path.glob("*/episodes.jsonl")):
+            time.sleep(0.1)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    threading.Thread(target=interrupt_when_it_runs).start()
+    with pytest.raises(KeyboardInterrupt):
+        run([config], tmp_path, executor)
+    assert records.read_state(tmp_path / config.folder_name)["status"] == "interrupted"
+    assert not multiprocessing.active_children()
+
+
+@pytest.mark.slow
+def test_workers_do_not_outlive_a_sweep_that_was_killed(tmp_path):
+    code = (
+        "import functools, os, sweep_worker; from usbench.compare import sweep; import multiprocessing\n"
+        "if __name__ == '__main__':\n"
+        "    executor = sweep.processes(); print(executor.submit(os.getpid).result(), flush=True)\n"
+        "    os.kill(os.getpid(), 9)\n"
+    )
+    script = tmp_path / "killed.py"
+    script.write_text(code)
+    env = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1] / "support")}
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, env=env, timeout=300)
+    worker = int(done.stdout)
+    for _ in range(100):
+        if not Path(f"/proc/{worker}").exists():
+            return
+        time.sleep(0.1)
+    os.kill(worker, signal.SIGKILL)
+    pytest.fail("the worker lived on")

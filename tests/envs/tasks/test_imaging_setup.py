@@ -1,0 +1,291 @@
+"""The imaging-setup task: its measure of quality, its environment and its anchors."""
+
+import dataclasses
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from brute_force import TARGET, expectimax
+from gymnasium.utils.env_checker import check_env
+
+from usbench.envs.bmode import Imaging
+from usbench.envs.frames import frame_store
+from usbench.envs.oracle import policy, returns
+from usbench.envs.phantom import Phantom
+from usbench.envs.pose import Limits, Move, Pose
+from usbench.envs.probe import LinearArray
+from usbench.envs.settings import Setup
+from usbench.envs.tasks import imaging_setup
+from usbench.envs.tasks.imaging_setup import (
+    GOOD,
+    IMAGING_SETUP,
+    PHANTOM,
+    ImagingSetupEnv,
+    contrast_to_noise,
+    regions,
+)
+from usbench.records import ConfigurationError
+from usbench.trials import runner
+
+ENV_ID = "usbench/ImagingSetup-v0"
+
+
+class GreyFrames:
+    """Stands in for the simulator: a cyst that every setting shows differently well."""
+
+    def frame(self, pose):
+        inside, _ = regions(PHANTOM, Pose(), Imaging())
+        noise = np.random.default_rng(0).normal(0, 10, (90, 40))
+        off = abs(pose.focal_depth_mm - 60) + abs(pose.frequency_khz - 3_000) / 100
+        contrast = 50 - 0.2 * off - 0.3 * abs(pose.dynamic_range_db - 40)
+        return np.clip(100 - contrast * inside + noise, 0, 255).astype(np.uint8)
+
+    def prepare(self, poses):
+        pass
+
+
+@pytest.fixture
+def grey(monkeypatch):
+    for module in ("guidance", "tasks.imaging_setup"):
+        monkeypatch.setattr(f"usbench.envs.{module}.frame_store", lambda *_: GreyFrames())
+
+
+@pytest.fixture
+def task(grey):
+    """The task with rewards of these frames, apart from the one whose rewards may be known already."""
+    return dataclasses.replace(IMAGING_SETUP, title="grey")
+
+
+def halves():
+    inside = np.zeros((90, 40), bool)
+    inside[:, :20] = True
+    return inside, ~inside
+
+
+def lens(body, part):
+    """Area where two circles overlap whose centres are 0.9 body + part apart, mm^2."""
+    apart = 0.9 * body + part
+    area = 0.0
+    for radius, other in ((body, part), (part, body)):
+        half = np.arccos((apart**2 + radius**2 - other**2) / (2 * apart * radius))
+        area += radius**2 * (half - np.sin(half) * np.cos(half))
+    return area
+
+
+def test_contrast_to_noise_of_four_pixels_worked_out_by_hand():
+    frame = np.array([[10, 20, 60, 80]], np.uint8)
+    inside = np.array([[True, True, False, False]])
+    # Means 15 and 70, variances 25 and 100.
+    assert contrast_to_noise(frame, inside, ~inside) == pytest.approx(55 / np.sqrt(125))
+    assert contrast_to_noise(frame, ~inside, inside) == pytest.approx(55 / np.sqrt(125))
+
+
+def test_contrast_to_noise_of_normal_greys_is_that_of_their_distributions():
+    inside, around = halves()
+    rng = np.random.default_rng(3)
+    frame = np.where(inside, rng.normal(60, 9, (90, 40)), rng.normal(130, 12, (90, 40))).astype(np.uint8)
+    assert contrast_to_noise(frame, inside, around) == pytest.approx(70 / 15, rel=0.05)
+
+
+def test_where_there_is_nothing_to_tell_apart_it_is_zero():
+    inside, around = halves()
+    black = np.zeros((90, 40), np.uint8)
+    assert contrast_to_noise(black, inside, around) == 0
+    assert contrast_to_noise(black, np.zeros_like(inside), around) == 0
+
+
+def test_regions_are_where_the_image_plane_cuts_the_object():
+    inside, around = regions(PHANTOM, Pose(0, 50, 0), Imaging())
+    body, head, leg = np.pi * 12**2, np.pi * 6**2, np.pi * 4**2
+    whole = body + head - lens(12, 6) + 4 * (leg - lens(12, 4))
+    assert inside.sum() == pytest.approx(whole, rel=0.01)  # of pixels of 1 mm^2
+    assert np.array_equal(inside, inside[:, ::-1])
+    assert np.flatnonzero(inside.any(axis=1))[[0, -1]].tolist() == [27, 63]
+    assert not (inside & around).any() and np.array_equal((inside | around).all(axis=1), inside.any(axis=1))
+    aside, _ = regions(PHANTOM, Pose(5, 50, 0), Imaging())
+    assert np.array_equal(aside[:, :-5], inside[:, 5:])
+    across, _ = regions(PHANTOM, Pose(0, 50, 90), Imaging())
+    assert across.sum() == pytest.approx(body + head - lens(12, 6), rel=0.01)  # no legs
+    assert not regions(PHANTOM, Pose(0, 50, 0), Imaging(height_px=20))[0].any()
+
+
+def test_gymnasium_and_sb3_check_the_environment_without_a_warning(grey):
+    from stable_baselines3.common.env_checker import check_env as sb3_check_env
+
+    check_env(gym.make(ENV_ID, render_mode="rgb_array", noise=0.25).unwrapped)
+    sb3_check_env(gym.make(ENV_ID, noise=0.25))
+
+
+def test_actions_turn_one_knob_each_and_stop_at_its_end(grey):
+    env = ImagingSetupEnv()
+    names = ("focal_depth_mm", "frequency_khz", "dynamic_range_db")
+    start, steps = (50, 4_000, 60), (10, 1_000, 10)
+    for action in range(1, 7):
+        env.reset(options=dict(zip(names, start, strict=True)))
+        knob, sign = divmod(action - 1, 2)
+        expected = list(start)
+        expected[knob] += steps[knob] * (2 * sign - 1)
+        info = env.step(action)[4]
+        assert [info[name] for name in names] == expected and info["x_mm"] == info["angle_deg"] == 0
+        for _ in range(9):
+            info = env.step(action)[4]
+        ends = getattr(IMAGING_SETUP.limits, names[knob])
+        assert info[names[knob]] == ends[sign]
+
+
+def test_the_reward_is_the_quality_of_the_frame_that_the_action_gives(grey):
+    env = ImagingSetupEnv()
+    env.reset(options={"focal_depth_mm": 40, "frequency_khz": 3_000, "dynamic_range_db": 40})
+    frame, reward, terminated, truncated, info = env.step(2)
+    assert reward == contrast_to_noise(frame[:, :, 0], *regions(PHANTOM, env.pose, Imaging()))
+    assert info["contrast_to_noise"] == reward and info["is_success"] == (reward >= GOOD)
+    assert (terminated, truncated, info["distance_mm"]) == (False, False, 0.0)
+    assert env.step(2)[1] > reward  # towards 60 mm
+
+
+def test_a_slip_turns_one_knob_by_one_step(grey):
+    env = ImagingSetupEnv(noise=1.0)
+    env.reset(seed=1)
+    slips = set()
+    for _ in range(150):
+        env.reset(options={"focal_depth_mm": 50, "frequency_khz": 4_000, "dynamic_range_db": 50})
+        slips |= set(env.step(0)[4]["noise"].items())
+    assert slips == {
+        ("focal_depth_mm", -10), ("focal_depth_mm", 10), ("frequency_khz", -1_000), ("frequency_khz", 1_000),
+        ("dynamic_range_db", -10), ("dynamic_range_db", 10),
+    }  # fmt: skip
+    env.reset(options={"focal_depth_mm": 30, "frequency_khz": 2_000, "dynamic_range_db": 20})
+    seen = [tuple(env.step(0)[4]["noise"].values()) for _ in range(40)]
+    assert (0,) in seen  # a knob at its end does not turn
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"frequency_khz": 1_000}, "frequency_khz must be in .2000, 5000., not 1000"),
+        ({"dynamic_range_db": 95}, "dynamic_range_db must be in .20, 90., not 95"),
+        ({"dynamic_range": 60}, "unknown option 'dynamic_range' .did you mean 'dynamic_range_db'"),
+    ],
+)
+def test_starts_that_cannot_be_are_refused(options, said, grey):
+    with pytest.raises(ValueError, match=said):
+        ImagingSetupEnv().reset(options=options)
+
+
+def test_other_tasks_have_no_settings(coded):
+    with pytest.raises(ValueError, match="unknown option 'frequency_khz'"):
+        gym.make("usbench/FocalPoint-v0").reset(options={"frequency_khz": 3_000})
+
+
+@pytest.mark.parametrize("kind", ["paper", "image"])
+def test_there_is_one_kind_of_reward(kind):
+    with pytest.raises(ValueError, match=f"task 'setup' has the reward 'normalized' alone, not '{kind}'"):
+        ImagingSetupEnv(reward=kind)
+    with pytest.raises(ValueError, match=f"task 'setup' has the reward 'normalized' alone, not '{kind}'"):
+        returns("setup", reward=kind)
+    with pytest.raises(
+        ConfigurationError, match=f"task 'setup' has the reward 'normalized' alone, not '{kind}'"
+    ):
+        runner.resolve("vpg", "setup", reward=kind)
+
+
+def test_a_trial_records_the_tissue():
+    phantom = runner.resolve("vpg", "setup").environment["phantom"]
+    assert phantom["attenuation_db_per_cm_mhz"] == 0.5 and phantom["object_of_interest"]["contrast"] == 0
+    assert "attenuation_db_per_cm_mhz" not in runner.resolve("vpg", "pp").environment["phantom"]
+
+
+def test_states_are_all_that_the_knobs_can_reach():
+    task = IMAGING_SETUP
+    assert len(set(task.states)) == 6 * 4 * 8
+    for state in task.states:
+        for move in (*(action.move for action in task.actions), *task.displacements):
+            assert state.moved(move, task.limits) in task.indices
+    assert task.actions[0].move == Move()
+
+
+@pytest.mark.parametrize(("noise", "n_steps"), [(0.0, 3), (0.3, 2)])
+def test_anchors_agree_with_brute_force(noise, n_steps):
+    # A corner of the task, with rewards that have no order.
+    limits = Limits(focal_depth_mm=(50, 60), frequency_khz=(2_000, 3_000), dynamic_range_db=(40, 50))
+    corner = tuple(
+        state
+        for state in IMAGING_SETUP.states
+        if all(
+            low <= getattr(state, name) <= high
+            for name, (low, high) in vars(limits).items()
+            if name != "x_mm"
+        )
+    )
+    values = dict(zip(corner, np.random.default_rng(5).normal(size=len(corner)), strict=True))
+    small = dataclasses.replace(
+        IMAGING_SETUP, states=corner, starts=corner[::3], limits=limits, n_steps=n_steps,
+        reward=lambda pose, target, kind: values[pose],
+    )  # fmt: skip
+    found = returns(small, noise)
+    for anchor, choose in ((found.optimal, max), (found.random, np.mean), (found.stay, lambda q: q[0])):
+        expected = np.mean([expectimax(small, pose, n_steps, noise, choose) for pose in small.starts])
+        assert anchor == pytest.approx(expected, abs=1e-12)
+
+
+def test_the_oracle_earns_its_value_in_the_environment(task):
+    best = policy(task)
+    env = ImagingSetupEnv()
+    for start in task.starts[::41]:
+        _, info = env.reset(options=dataclasses.asdict(start))
+        earned = 0.0
+        for step in range(16):
+            action = best.action(step, tuple(info[name] for name in task.coordinates))
+            _, reward, _, _, info = env.step(action)
+            earned += reward
+        assert env.pose == Setup(0, 60, 0, 3_000, 40)
+        assert earned == pytest.approx(best.value(0, start))
+
+
+def test_a_phantom_of_ones_own_is_judged_by_its_own_frames(monkeypatch):
+    asked = []
+
+    def store(phantom, *_):
+        asked.append(phantom)
+        return GreyFrames()
+
+    monkeypatch.setattr("usbench.envs.guidance.frame_store", store)
+    own = Phantom(seed=7, attenuation_db_per_cm_mhz=0.7)
+    env = ImagingSetupEnv(phantom=own)
+    env.reset(seed=0)
+    env.step(1)
+    assert set(asked) == {own} and env.target == own.target
+    assert ImagingSetupEnv().phantom == PHANTOM
+
+
+def qualities():
+    """Quality of the simulator's frames of all settings, (6 depths, 4 frequencies, 8 ranges)."""
+    store = frame_store(PHANTOM, LinearArray(), Imaging())
+    store.prepare(IMAGING_SETUP.states)
+    found = [imaging_setup.reward(state, TARGET, "normalized") for state in IMAGING_SETUP.states]
+    return np.array(found).reshape(4, 6, 8)
+
+
+@pytest.mark.slow
+def test_every_knob_has_its_best_setting_in_between():
+    quality = qualities()
+    best = np.unravel_index(quality.argmax(), quality.shape)
+    for axis, place in enumerate(best):
+        along = np.moveaxis(quality, axis, 0)[(slice(None), *np.delete(best, axis))]
+        assert 0 < place < len(along) - 1
+        # And no other hill: an agent that follows the gradient arrives.
+        assert (np.diff(along[: place + 1]) > 0).all() and (np.diff(along[place:]) < 0).all()
+    # The more is lost on the way, the wider must be what is shown.
+    ranges = [by_depth.max(axis=0).argmax() for by_depth in quality]
+    assert ranges == sorted(ranges) and ranges[0] < ranges[-1]
+
+
+@pytest.mark.slow
+def test_an_agent_learns_it(tmp_path):
+    config = runner.resolve("dqn", "setup", steps=4_096)
+    trial = runner.run_trial(config, tmp_path).folder
+    from usbench import records
+
+    rows = records.load(trial)
+    last = rows[(rows["checkpoint"] == 4_096) & rows["deterministic"]]
+    assert last["normalized_score"].mean() > 0.6

@@ -1,0 +1,117 @@
+"""How episodes end, told from records worked out by hand."""
+
+import json
+import math
+
+import pandas as pd
+import pytest
+
+from usbench.figures import episode_ends
+from usbench.results.tables import DRAWN, GREEDY, Results
+
+
+def episode(task, x_mm, depth_mm, start_deg, angle_deg, **others):
+    at_object = x_mm == 0 and (depth_mm == 50 if task == "fp" else angle_deg % 180 == 0)
+    return {
+        "trial": f"{task}-trial",
+        "task": task,
+        "noise": 0.0,
+        "algo": "vpg",
+        "seed": 0,
+        "checkpoint": 64,
+        "deterministic": True,
+        "start_angle_deg": start_deg,
+        "final_x_mm": x_mm,
+        "final_focal_depth_mm": depth_mm,
+        "final_angle_deg": angle_deg,
+        "final_sin_angle": math.sin(math.radians(angle_deg)),
+        "is_success": at_object,
+    } | others
+
+
+def test_focal_point_episodes_end_at_beside_above_or_below_the_object():
+    rows = [episode("fp", x, z, 0, 0) for x, z in ((0, 50), (0, 55), (5, 90), (-20, 10))]
+    (row,) = episode_ends.shares(pd.DataFrame(rows)).to_dict("records")
+    assert row["success"] == 0.25
+    assert row["beside"] == 0.5
+    assert row["too_deep"] == 0.5
+    assert row["too_shallow"] == 0.25
+    assert math.isnan(row["out_of_plane"]) and math.isnan(row["long_way"])
+
+
+@pytest.mark.parametrize(
+    ("start_deg", "angle_deg", "long_way"),
+    # A right angle is as far one way as the other.
+    [
+        (45, 0, False),
+        (75, 180, True),
+        (90, 180, False),
+        (90, 0, False),
+        (60, 165, False),
+        (45, 345, False),
+        (45, 30, False),
+    ],
+)
+def test_the_long_way_ends_in_plane_after_more_than_a_right_angle(start_deg, angle_deg, long_way):
+    (row,) = episode_ends.shares(pd.DataFrame([episode("pp", 0, 50, start_deg, angle_deg)])).to_dict(
+        "records"
+    )
+    assert row["long_way"] == float(long_way)
+    assert row["out_of_plane"] == float(angle_deg % 180 != 0)
+    assert row["one_turn_off"] == float(angle_deg in (165, 345))
+    assert math.isnan(row["too_deep"])
+
+
+def test_only_greedy_episodes_after_the_last_step_count_and_seeds_are_counted():
+    rows = [
+        episode("pp", 0, 50, 45, 0),
+        episode("pp", 5, 50, 45, 0, deterministic=False),
+        episode("pp", 5, 50, 45, 0, checkpoint=32),
+        episode("pp", 0, 50, 45, 15, trial="other", seed=1),
+    ]
+    (row,) = episode_ends.shares(pd.DataFrame(rows)).to_dict("records")
+    assert (row["seeds"], row["success"], row["beside"], row["out_of_plane"]) == (2, 0.5, 0.0, 0.5)
+
+
+def test_figure_has_a_panel_for_each_cell_and_bars_as_high_as_the_shares():
+    ends = episode_ends.shares(
+        pd.DataFrame(
+            [
+                episode("fp", 0, 50, 0, 0),
+                episode("fp", 0, 55, 0, 0),
+                episode("fp", 5, 90, 0, 0, noise=0.5),
+                episode("pp", 0, 50, 45, 0),
+            ]
+        )
+    )
+    figure = episode_ends.draw(ends)
+    panels = {axis.get_title(): axis for axis in figure.axes}
+    assert {"fp, noise 0", "fp, noise 0.5", "pp, noise 0"} <= set(panels)
+    heights = [bar.get_height() for bar in panels["fp, noise 0"].patches]
+    assert heights == [0.5, 0.0, 0.5, 0.0]  # success, beside, too deep, too shallow
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()][-2:] == ["out of plane", "long way"]
+
+
+def trained(algo, n_frames, seed, score):
+    """The row of a trial and those of its last evaluation, drawn actions a tenth worse."""
+    trial = f"{algo}-{n_frames}-{seed}"
+    settings = json.dumps({"n_frames": n_frames})
+    cell = {"task": "pp", "noise": 0.0, "algo": algo}
+    row = {"trial": trial, "seed": seed, "steps": 64, "settings": settings} | cell
+    ends = [
+        {"trial": trial, "kind": kind, "step": step, "normalized_score": value}
+        for kind, value in ((GREEDY, score), (DRAWN, score - 0.1))
+        for step, value in ((0, 0.0), (64, value))
+    ]
+    return row, ends
+
+
+def test_scores_by_frames_are_means_over_seeds_where_there_are_several_numbers():
+    agents = ("vpg", 1, 0, 0.4), ("vpg", 1, 1, 0.6), ("vpg", 4, 0, 0.9), ("dqn", 4, 0, 1.0)
+    trials, ends = zip(*(trained(*agent) for agent in agents), strict=True)
+    curves = pd.DataFrame([row for own in ends for row in own])
+    table = episode_ends.by_frames(Results(pd.DataFrame(trials), curves))
+    assert table[["algo", "n_frames", "seeds"]].to_numpy().tolist() == [["vpg", 1, 2], ["vpg", 4, 1]]
+    assert table["greedy"].tolist() == pytest.approx([0.5, 0.9])
+    assert table["drawn"].tolist() == pytest.approx([0.4, 0.8])

@@ -1,0 +1,81 @@
+"""usbench plot: figures from any set of trials, each counted once."""
+
+import shutil
+
+import pytest
+from made_tables import made, seeds
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+from usbench import cli, records
+from usbench.figures import comparison, learning_curve
+from usbench.results import tables
+
+
+def test_one_trial_in_every_format(finished, tmp_path, capsys):
+    out = tmp_path / "new" / "figures"
+    assert cli.main(["plot", str(finished), "--out", str(out), "--format", "png", "svg", "pdf"]) == 0
+    shown = capsys.readouterr().out.splitlines()
+    names = [f"learning_curve_{finished.name}", "scores", "learning_curves", "performance_profiles"]
+    names += ["figure4", "figure5"]
+    assert shown == [str(out / f"{name}.{kind}") for name in names for kind in ("png", "svg", "pdf")]
+    starts = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}
+    assert all((out / path).read_bytes().startswith(starts[path.rsplit(".")[-1]]) for path in shown)
+
+
+def test_figures_are_those_of_the_leaderboard_and_learning_curves_only_of_named_trials(tmp_path):
+    known = made(*seeds("vpg", [0.2, 0.4]), *seeds("ppo", [0.5, 0.7]))
+    tables.write(known, tmp_path / "tables")
+    drawn = learning_curve.write([tmp_path / "tables"], tmp_path / "a", ["svg"])
+    expected = comparison.write(known, tmp_path / "b", ["svg"])
+    assert [path.name for path in drawn] == [path.name for path in expected]
+    assert [path.read_bytes() for path in drawn] == [path.read_bytes() for path in expected]
+
+
+def test_a_trial_counts_once_and_others_beside_it_do_not(finished):
+    other = finished.with_name("pp-p0.5-vpg-s1-00000000")
+    shutil.copytree(finished, other)
+    state = records.read_state(other)
+    state["config"]["seed"] = 1
+    records.write_state(other, state)
+    alone = learning_curve.gather([finished, finished])
+    assert list(alone.trials["trial"]) == [finished.name]
+    both = learning_curve.gather([finished, finished.parent])
+    assert sorted(both.trials["seed"]) == [0, 1]
+    assert len(both.curves) == 2 * len(alone.curves)
+
+
+def test_trial_that_still_runs_has_a_learning_curve_alone(finished, tmp_path):
+    state = records.read_state(finished) | {"status": "running"}
+    records.write_state(finished, state)
+    drawn = learning_curve.write([finished], tmp_path)
+    assert [path.name for path in drawn] == [f"learning_curve_{finished.name}.png"]
+
+
+def test_long_names_stay_within_the_figure():
+    known = made(*(row for k in range(4) for row in seeds(f"my_module.MyAlgorithm{k}", [0.2, 0.4])))
+    figure = comparison.draw(known)["learning_curves"]
+    FigureCanvasAgg(figure).draw()
+    box = figure.legends[0].get_window_extent()
+    assert box.x0 >= 0 and box.x1 <= figure.bbox.x1
+
+
+@pytest.mark.parametrize(
+    ("argv", "said"),
+    [
+        (["nowhere"], "no folder"),
+        (["."], "no finished trial to draw in '.'"),
+        ([".", "--format", "bmp"], "png, svg, pdf, not 'bmp'"),
+        ([".", "--out"], "--out"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused(tmp_path, monkeypatch, capsys, argv, said):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["plot", *argv]) == 2
+    captured = capsys.readouterr()
+    assert said in captured.err and captured.err.count("\n") == 1 and captured.out == ""
+
+
+def test_folder_that_cannot_be_made_is_refused(finished, tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    assert cli.main(["plot", str(finished), "--out", str(tmp_path / "file")]) == 2
+    assert "--out" in capsys.readouterr().err

@@ -1,0 +1,189 @@
+"""Who advises in the guide: trials, the optimum, and an agent that is trained meanwhile."""
+
+import json
+import sys
+import time
+
+import pytest
+
+from usbench import records
+from usbench.envs import guidance
+from usbench.guide import agents, examination
+from usbench.guide import training as guide_training
+from usbench.guide.agents import ORACLE, Known
+from usbench.guide.session import Session
+from usbench.records import ConfigurationError
+
+LEFT, RIGHT, TURN_BACK, TURN = 1, 2, 3, 4
+
+
+@pytest.fixture(autouse=True)
+def _drawn_frames(quick, monkeypatch):
+    monkeypatch.setattr(examination, "frame_store", guidance.frame_store)
+
+
+@pytest.fixture
+def session(tmp_path):
+    session = Session(tmp_path, seed=0)
+    yield session
+    session.close()
+
+
+def exact(task, noise=0.0):
+    return agents.open_oracle(task, noise)
+
+
+def test_without_a_trial_the_optimum_advises_and_a_training_is_offered(session):
+    state = session.state()
+    assert state["agent"] == ORACLE and state["exact"] and state["training"]["offered"]
+    assert json.loads(json.dumps(state))["step"] == 0
+
+
+def test_hidden_object_is_told_by_nothing_until_the_end(session):
+    session.choose(hidden=True)
+    session.act(RIGHT)
+    state = session.state()
+    assert state["balls"] == [] and state["hidden"]
+    assert state["return"] is state["optimum"] is state["at_goal"] is None
+    for _ in range(15):
+        session.follow()
+    assert session.state()["verdict"].startswith("Success: the probe is at the goal. Score ")
+
+
+def test_trial_advises_on_its_own_task_and_noise(finished, tmp_path):
+    session = Session(tmp_path / "nothing", finished, seed=0)
+    state = session.state()
+    assert (state["task"], state["noise"], state["agent"]) == ("pp", 0.5, finished.name)
+    assert state["advice"]["kind"] == "probability"
+    assert sum(state["advice"]["bars"]) == pytest.approx(1)
+    assert not state["training"]["offered"]
+
+
+def test_trial_of_the_runs_advises_by_itself(finished):
+    assert Session(finished.parent, seed=0).agent == finished.name
+
+
+def test_model_of_another_task_is_refused_in_words(finished):
+    session = Session(finished.parent, seed=0)
+    session.choose(task="fp")
+    assert session.agent == ORACLE and f"{finished.name} was trained on another task" in session.message
+    session.choose(agent=finished.name)
+    assert "does not fit" in session.message and "'Probe plane' (pp)" in session.message
+    assert session.state()["advice"] is None
+    session.choose(task="pp", agent=finished.name)
+    assert session.message == "" and session.state()["advice"]
+
+
+def test_model_that_cannot_be_opened_is_told(finished):
+    session = Session(finished.parent, seed=0)
+    (finished / records.MODEL).write_bytes(b"no zip")
+    session.choose(agent=finished.name)
+    assert "not a readable zip file" in session.message and session.state()["advice"] is None
+    with pytest.raises(ConfigurationError, match="not a readable zip file"):
+        Session(finished.parent, finished)
+
+
+def test_another_agent_goes_on_with_the_episode_another_task_does_not(finished):
+    session = Session(finished.parent, seed=0)
+    session.act(TURN)
+    session.choose(agent=ORACLE)
+    assert session.examination.actions == [TURN]
+    session.choose(noise=0.25)
+    assert session.examination.actions == [] and session.state()["noise"] == 0.25
+
+
+@pytest.mark.parametrize(
+    "choice", [{"task": "xx"}, {"noise": 2}, {"noise": "much"}, {"agent": "../elsewhere"}, {"task": []}]
+)
+def test_unknown_choice_is_refused_and_changes_nothing(session, choice):
+    with pytest.raises(ConfigurationError, match="must be|allowed are"):
+        session.choose(**choice)
+    assert session.state()["message"] == "" and session.state()["task"] == "pp"
+
+
+def test_folder_that_is_no_trial_is_refused(tmp_path):
+    with pytest.raises(ConfigurationError, match="not the folder of a trial"):
+        Session(tmp_path, tmp_path)
+
+
+def test_seed_that_is_none_is_refused(tmp_path):
+    with pytest.raises(ConfigurationError, match="seed"):
+        Session(tmp_path, seed=-1)
+
+
+def test_broken_trials_are_left_out(finished):
+    for number, text in enumerate(("{", "[]", '{"schema": 1}', '{"schema": 1, "config": {"algo": 3}}')):
+        folder = finished.parent / f"broken{number}"
+        folder.mkdir()
+        (folder / records.TRIAL).write_text(text)
+    (trial,) = agents.find(finished.parent)
+    assert trial.name == finished.name and trial.label.startswith("vpg, seed 0, noise 0.5, score ")
+    evaluations = records.load(finished)
+    last = evaluations[(evaluations["checkpoint"] == 128) & evaluations["deterministic"]]
+    assert trial.score == pytest.approx(last["normalized_score"].mean())
+
+
+def test_best_agent_is_of_the_task_and_rather_of_the_noise(tmp_path):
+    trials = [
+        Known(tmp_path / name, task, noise, "", score)
+        for name, task, noise, score in [
+            ("a", "pp", 0.25, 0.5),
+            ("b", "pp", 0.25, 0.6),
+            ("c", "pp", 0.0, 0.9),
+            ("d", "fp", 0.25, 1.0),
+            ("e", "pp", 0.25, None),
+        ]
+    ]
+    assert agents.best(trials, "pp", 0.25).name == "b"
+    assert agents.best(trials, "pp", 0.5).name == "c"
+    assert agents.best(trials[:3], "fp", 0.0) is None
+
+
+def wait_for_training(session):
+    session.train()
+    deadline = time.monotonic() + 60
+    while session.state()["training"]["status"] == "running" and time.monotonic() < deadline:
+        time.sleep(0.02)
+    return session.state()["training"]
+
+
+def leaving(finished, monkeypatch):
+    """Let a training leave `finished` where `usbench run` would, all at once; return the name there."""
+    name = guide_training.resolve("dqn", "pp", steps=guide_training.STEPS).folder_name
+    copy = (
+        f"import os, shutil, sys; runs = sys.argv[-2]; shutil.copytree({str(finished)!r}, runs + '.part'); "
+        f"os.makedirs(runs, exist_ok=True); os.rename(runs + '.part', runs + '/{name}')"
+    )
+    monkeypatch.setattr(guide_training, "USBENCH", [sys.executable, "-c", copy])
+    return name
+
+
+def test_trained_agent_takes_over_from_the_optimum(session, finished, monkeypatch):
+    name = leaving(finished, monkeypatch)
+    assert wait_for_training(session)["status"] == "finished"
+    assert session.agent == name and session.message.startswith("Trained: ")
+    assert not session.state()["training"]["offered"]
+
+
+def test_training_that_leaves_no_model_changes_nothing(session, finished, monkeypatch):
+    (finished / records.MODEL).unlink()
+    leaving(finished, monkeypatch)
+    assert wait_for_training(session)["status"] == "finished"
+    assert session.agent == ORACLE and session.message == ""
+
+
+def test_training_that_fails_says_why(session, monkeypatch):
+    fail = "import sys; sys.exit('usbench: error: no space is left.')"
+    monkeypatch.setattr(guide_training, "USBENCH", [sys.executable, "-c", fail])
+    training = wait_for_training(session)
+    assert (training["status"], training["reason"]) == ("failed", "usbench: error: no space is left.")
+    assert session.agent == ORACLE
+
+
+def test_closing_ends_the_training(session, monkeypatch):
+    monkeypatch.setattr(guide_training, "USBENCH", [sys.executable, "-c", "import time; time.sleep(600)"])
+    session.train()
+    process = session.training._process
+    assert session.state()["training"]["status"] == "running"
+    session.close()
+    assert process.returncode is not None

@@ -1,0 +1,72 @@
+"""Journals grow by whole lines; a torn last line is passed over, any other broken one refused."""
+
+import pytest
+
+from usbench.records.journal import Journal, read_rows
+
+ROWS = [{"episode": 0, "return": -12.5, "actions": [0, 1]}, {"episode": 1, "steps_to_goal": None}]
+
+
+@pytest.fixture
+def path(tmp_path):
+    with Journal(tmp_path / "rows.jsonl") as journal:
+        journal.append(ROWS)
+    return tmp_path / "rows.jsonl"
+
+
+def test_rows_come_back_and_later_ones_join_them(path):
+    assert read_rows(path) == ROWS
+    with Journal(path) as journal:
+        journal.append(iter(ROWS[:1]))
+        # Flushed: there before the file is closed.
+        assert read_rows(path) == [*ROWS, ROWS[0]]
+
+
+def test_a_file_that_is_not_there_has_no_rows(tmp_path):
+    assert read_rows(tmp_path / "nothing.jsonl") == []
+
+
+def test_torn_last_line_is_passed_over(path):
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-7])
+    assert read_rows(path) == ROWS[:1]
+    path.write_bytes(whole + b'{"episode": 2')
+    assert read_rows(path) == ROWS
+
+
+@pytest.mark.parametrize("line", [b"{broken\n", b"[1]\n", b"\xff\n"])
+def test_broken_line_in_between_is_refused(path, line):
+    path.write_bytes(line + path.read_bytes())
+    with pytest.raises(ValueError, match="line 1"):
+        read_rows(path)
+
+
+def test_not_a_number_never_enters_a_journal(path):
+    with Journal(path) as journal, pytest.raises(ValueError, match="float"):
+        journal.append([{"return": float("nan")}])
+    assert read_rows(path) == ROWS
+
+
+def test_journal_is_cut_back_to_a_mark_and_goes_on(path):
+    with Journal(path) as journal:
+        mark = journal.mark()
+        assert mark["bytes"] == path.stat().st_size
+        journal.append(ROWS[:1])
+    with path.open("ab") as file:
+        file.write(b'{"torn')
+    with Journal(path) as journal:
+        journal.cut(mark)
+        assert journal.mark() == mark
+        journal.append(ROWS[1:])
+    assert read_rows(path) == [*ROWS, ROWS[1]]
+
+
+@pytest.mark.parametrize("change", [lambda content: content[:-1], lambda content: b"#" + content[1:]])
+def test_journal_that_is_not_what_was_marked_is_refused_and_left_alone(path, change):
+    with Journal(path) as journal:
+        mark = journal.mark()
+    changed = change(path.read_bytes()) + b"{}\n"
+    path.write_bytes(changed)
+    with Journal(path) as journal, pytest.raises(ValueError, match="is not what its trial wrote"):
+        journal.cut(mark)
+    assert path.read_bytes() == changed

@@ -1,0 +1,171 @@
+"""Records: written whole, read back, and refused in one sentence where they are broken."""
+
+import json
+from dataclasses import asdict
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from usbench import records
+from usbench.records import ConfigurationError, Evaluation, TrialConfig, checksums
+from usbench.records.journal import Journal, read_rows
+
+CONFIG = TrialConfig(task="pp", algo="vpg", noise=0.25, seed=3, steps=64, hyperparameters={"gamma": 0.9})
+ANCHORS = {"optimal": -4.0, "random": -20.0, "stay": -22.0}
+
+
+def evaluation(number=0, return_=-12.0, sine=0.5, **changes):
+    values = {
+        "episode": number,
+        "eval_episode": number,
+        "step": 64,
+        "checkpoint": 64,
+        "deterministic": False,
+        "actions": (0, 1),
+        "return_": return_,
+        "start_x_mm": -5,
+        "start_focal_depth_mm": 50,
+        "start_angle_deg": 45,
+        "final_x_mm": 0,
+        "final_focal_depth_mm": 50,
+        "final_angle_deg": 30,
+        "final_distance_mm": 0.0,
+        "final_sin_angle": sine,
+        "is_success": False,
+        "steps_to_goal": None,
+    }
+    return Evaluation(**{**values, **changes})
+
+
+def state(status="finished"):
+    return {
+        "status": status,
+        "reason": None,
+        "config": asdict(CONFIG),
+        "anchors": ANCHORS,
+        "timings": {"total_s": 1.5},
+        "versions": {"numpy": "2.0"},
+    }
+
+
+def trial(out, config=CONFIG, status="finished", rows=2):
+    folder = records.create(out, config)
+    records.write_state(folder, state(status))
+    with Journal(folder / records.EVALUATIONS) as journal:
+        journal.append(evaluation(number).as_row() for number in range(rows))
+    return folder
+
+
+def test_folder_name_says_the_trial_and_hashes_the_rest():
+    assert CONFIG.folder_name == f"pp-p0.25-vpg-s3-{CONFIG.hash}"
+    assert len(CONFIG.hash) == 8 and int(CONFIG.hash, 16) >= 0
+    other = TrialConfig(task="pp", algo="vpg", noise=0.25, seed=3, steps=64, hyperparameters={"gamma": 0.8})
+    assert other.hash != CONFIG.hash
+
+
+def test_hash_does_not_depend_on_the_order_of_settings():
+    one, two = ({"a": 1, "b": 2.5}, {"b": 2.5, "a": 1})
+    hashes = {
+        TrialConfig(task="fp", algo="vpg", noise=0, seed=0, steps=1, hyperparameters=settings).hash
+        for settings in (one, two)
+    }
+    assert len(hashes) == 1
+
+
+def test_rows_have_the_keys_of_the_specification(tmp_path):
+    (row, _) = read_rows(trial(tmp_path) / records.EVALUATIONS)
+    assert {
+        "episode", "step", "return", "start_x_mm", "start_focal_depth_mm", "start_angle_deg",
+        "final_x_mm", "final_focal_depth_mm", "final_angle_deg", "is_success", "checkpoint", "deterministic",
+    } <= set(row)  # fmt: skip
+    assert row["actions"] == [0, 1] and row["steps_to_goal"] is None
+
+
+def test_load_gives_one_table_with_the_normalised_score(tmp_path):
+    trial(tmp_path)
+    table = records.load(tmp_path)
+    assert list(table.columns[:6]) == ["trial", "task", "noise", "algo", "seed", "status"]
+    assert len(table) == 2
+    # (-12 + 20) / (-4 + 20)
+    np.testing.assert_allclose(table["normalized_score"], 0.5)
+
+
+def test_load_takes_one_trial_and_passes_over_earlier_attempts(tmp_path):
+    first = trial(tmp_path, status="interrupted")
+    with Journal(first / records.EPISODES) as journal:
+        journal.append([evaluation().as_row()])
+    folder = trial(tmp_path, rows=1)
+    assert (tmp_path / f"{folder.name}.earlier-1" / records.EVALUATIONS).exists()
+    assert len(records.load(tmp_path)) == 1
+    assert len(records.load(folder)) == 1
+
+
+def test_load_of_an_empty_folder_is_an_empty_table(tmp_path):
+    assert records.load(tmp_path).empty
+
+
+def test_load_refuses_a_missing_folder(tmp_path):
+    with pytest.raises(FileNotFoundError, match="nowhere"):
+        records.load(tmp_path / "nowhere")
+
+
+def test_load_refuses_an_unknown_table(tmp_path):
+    with pytest.raises(ValueError, match="evaluations, episodes"):
+        records.load(tmp_path, "scores")
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"schema": 99}'])
+def test_broken_trial_file_is_refused(tmp_path, text):
+    (tmp_path / records.TRIAL).write_text(text)
+    with pytest.raises(ValueError, match=r"trial\.json"):
+        records.read_state(tmp_path)
+
+
+def test_unknown_status_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="running, interrupted, failed, finished"):
+        records.write_state(tmp_path, state("done"))
+
+
+def test_output_folder_that_is_a_file_is_refused(tmp_path):
+    (tmp_path / "runs").write_text("")
+    with pytest.raises(ConfigurationError, match="runs' cannot be written"):
+        records.create(tmp_path / "runs", CONFIG)
+
+
+def test_folder_of_a_trial_without_an_episode_is_used_again(tmp_path):
+    folder = trial(tmp_path, status="running")
+    (folder / records.EPISODES).touch()
+    (folder / records.CHECKPOINTS).mkdir()
+    assert records.create(tmp_path, CONFIG) == folder
+    assert [path.name for path in tmp_path.glob("*/*")] == [records.TRIAL]
+    assert not list(tmp_path.glob("*.earlier-*"))
+
+
+def test_somebody_elses_file_in_a_trial_folder_is_never_removed(tmp_path):
+    (trial(tmp_path, status="running") / "notes.txt").write_text("mine")
+    folder = records.create(tmp_path, CONFIG)
+    assert (tmp_path / f"{folder.name}.earlier-1" / "notes.txt").read_text() == "mine"
+
+
+def test_records_that_are_not_what_was_written_are_refused(tmp_path):
+    folder = trial(tmp_path)
+    records.write_state(folder, state() | {"checksums": checksums.of(folder, [records.EVALUATIONS])})
+    assert len(records.load(tmp_path)) == 2
+    with (folder / records.EVALUATIONS).open("ab") as file:
+        file.write(b"{}\n")
+    with pytest.raises(ValueError, match="evaluations.jsonl is damaged"):
+        records.load(tmp_path)
+
+
+def test_means_count_the_plane_error_modulo_half_a_turn():
+    rows = pd.DataFrame([evaluation(sine=sine).as_row() for sine in (0.5, -0.5, 1.0, 0.0)])
+    means = records.means(rows)
+    assert means["plane_error_deg"] == pytest.approx((30 + 30 + 90 + 0) / 4)
+    assert means["return"] == -12.0
+
+
+def test_state_round_trip(tmp_path):
+    records.write_state(tmp_path, state())
+    assert records.read_state(tmp_path) == json.loads(json.dumps({**state(), "schema": 1}))
+    assert records.read_state(tmp_path / "nothing") == {}

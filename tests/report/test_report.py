@@ -1,0 +1,191 @@
+"""The page of a set of trials: complete, closed to the outside, the same bytes again."""
+
+import base64
+import io
+import re
+import shutil
+from html.parser import HTMLParser
+from xml.etree import ElementTree
+
+import pytest
+from PIL import Image
+
+from usbench import cli, records
+from usbench.envs import guidance
+from usbench.records import ConfigurationError
+from usbench.report import page as report
+from usbench.report import text as report_text
+
+SECTIONS = {
+    "leaderboard", "learning", "comparison", "paper", "agents", "look-alikes", "endings", "configuration",
+}  # fmt: skip
+VOID = {"meta", "img", "input"}
+
+
+class Page(HTMLParser):
+    """What a page is made of; refuses tags that do not close as they opened."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.elements, self._open = [], []
+        self.feed(text)
+        self.close()
+        assert self._open == []
+
+    def handle_starttag(self, tag, attributes):
+        self.elements.append((tag, dict(attributes)))
+        if tag not in VOID:
+            self._open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self._open.pop() == tag
+
+    def all(self, name):
+        return [attributes for tag, attributes in self.elements if tag == name]
+
+
+@pytest.fixture
+def runs(finished, monkeypatch):
+    """A folder with a finished trial (vpg on pp), and frames drawn instead of simulated."""
+    monkeypatch.setattr("usbench.report.poses.frame_store", guidance.frame_store)
+    return finished.parent
+
+
+@pytest.fixture
+def without_figures(monkeypatch):
+    """Leave out what takes most of the time, where it is not what is looked at."""
+    monkeypatch.setattr("usbench.figures.comparison.draw", lambda known: {})
+    monkeypatch.setattr("usbench.report.poses.overview", lambda known: None)
+
+
+def made(runs, out):
+    return report.write(runs, out / "report.html").read_text()
+
+
+def add(runs, name, **changes):
+    """Copy the trial's record to another seed of another status."""
+    (trial,) = records.trial_folders(runs)
+    state = records.read_state(trial) | changes
+    state["config"]["seed"] = 1
+    (runs / name).mkdir()
+    records.write_state(runs / name, state)
+
+
+def test_page_is_whole_and_closed_to_the_outside(runs, tmp_path):
+    text = made(runs, tmp_path)
+    page = Page(text)
+    assert {attributes.get("id") for attributes in page.all("section")} == SECTIONS
+    assert len(page.all("h1")) == 1
+    links = [attributes["href"] for attributes in page.all("a")]
+    assert {link.removeprefix("#") for link in links} == {*SECTIONS, "main"}
+    assert not {"script", "link", "iframe", "object", "form"} & {tag for tag, _ in page.elements}
+    assert not re.search(r"""(src|href|url)\s*[=(]\s*["']?\s*(https?:)?//""", text)
+    for image in page.all("img"):
+        assert image["src"].startswith("data:image/") and len(image["alt"]) > 20
+        kind, _, data = image["src"].partition(";base64,")
+        content = base64.b64decode(data)
+        if kind == "data:image/svg+xml":
+            assert ElementTree.fromstring(content).tag.endswith("svg")
+        else:
+            with Image.open(io.BytesIO(content)) as opened:
+                opened.load()
+    assert len(page.all("caption")) == len(page.all("table")) > 5
+    ids = [attributes["id"] for _, attributes in page.elements if "id" in attributes]
+    assert len(ids) == len(set(ids))
+    for words in (
+        "Only <code>vpg</code> has finished trials in every cell",
+        "All of 1 trial is finished",
+        "return that it costs",
+        "out of the object&#39;s plane",
+        "value_learning_rate 0.001",
+        "center_frequency</th><td>3.5e+06",
+        "numpy 2",
+    ):
+        assert words in text, words
+
+
+def test_same_records_give_the_same_bytes_wherever_they_are(runs, tmp_path):
+    shutil.copytree(runs, tmp_path / "elsewhere")
+    (trial,) = records.trial_folders(tmp_path / "elsewhere")
+    # Once as a folder of trials, once as a trial itself.
+    assert made(runs, tmp_path) == made(trial, tmp_path)
+
+
+def test_without_weights_there_is_a_sentence_instead_of_a_map(runs, without_figures, tmp_path):
+    (trial,) = records.trial_folders(runs)
+    (trial / records.MODEL).unlink()
+    text = made(runs, tmp_path)
+    assert f"No map of its actions: {trial.name} has no weights (model.zip)." in text
+    assert "Replay, moving." in text and "return that it costs" not in text
+
+
+def test_weights_that_cannot_be_opened_are_told_without_the_place(runs, without_figures, tmp_path):
+    (trial,) = records.trial_folders(runs)
+    (trial / records.MODEL).write_bytes(b"no archive")
+    text = made(runs, tmp_path)
+    assert "No map of its actions:" in text and str(tmp_path) not in text
+
+
+def test_trials_that_are_not_finished_are_named_and_strangers_words_are_only_words(
+    runs, without_figures, tmp_path
+):
+    reason = 'OSError <script>alert("x")</script> ![x](https://example.org/x.png)'
+    add(runs, "failed", status="failed", reason=reason)
+    text = made(runs, tmp_path)
+    assert "1 of 2 trials are finished" in text
+    assert "seed 1 failed (OSError &lt;script&gt;" in text
+    assert "<script" not in text and 'src="https' not in text
+
+
+def test_nothing_finished_is_said(runs, without_figures, tmp_path):
+    (trial,) = records.trial_folders(runs)
+    add(runs, "running", status="running")
+    shutil.rmtree(trial)
+    text = made(runs, tmp_path)
+    Page(text)
+    assert "0 of 1 trials are finished" in text and "seed 1 is running or was killed" in text
+    assert "No trial is finished yet." in text and "<img" not in text
+
+
+@pytest.mark.parametrize(
+    ("runs", "out", "said"),
+    [
+        ("missing", "report.html", "no folder"),
+        ("empty", "report.html", "holds no trials"),
+        ("begun", "report.html", "has begun"),
+        ("broken", "report.html", "is not a trial record"),
+        ("begun", "report.pdf", ".html"),
+        ("begun", "missing/report.html", "folder that exists"),
+    ],
+)
+def test_refusals(tmp_path, runs, out, said):
+    for name, content in (("empty", None), ("begun", "{}"), ("broken", "[]")):
+        (tmp_path / name / "trial").mkdir(parents=True)
+        if content:
+            (tmp_path / name / "trial" / records.TRIAL).write_text(content)
+    with pytest.raises(ConfigurationError, match=said) as refused:
+        report.write(tmp_path / runs, tmp_path / out)
+    assert "\n" not in str(refused.value)
+    assert not (tmp_path / out).exists()
+
+
+def test_command_writes_the_page_and_tells_what_it_does(runs, without_figures, tmp_path, capsys):
+    out = tmp_path / "page.html"
+    assert cli.main(["report", str(runs), "--out", str(out)]) == 0
+    captured = capsys.readouterr()
+    assert captured.out.startswith(f"{out}: 0.") and captured.out.endswith(" MB\n")
+    assert "agent 1 of 1: vpg on pp" in captured.err
+    assert cli.main(["report", str(tmp_path / "missing")]) == 2
+
+
+def test_markdown_becomes_tables_with_caption_and_headers():
+    html = report_text.html("| agent | score |\n| --- | ---: |\n| `vpg` | **0.5** |", "All & more")
+    assert 'aria-label="All &amp; more"' in html and "<span>All &amp; more</span></caption>" in html
+    assert '<th scope="col">agent</th>' in html
+    assert '<th scope="row"><code>vpg</code></th>' in html
+    assert "<td" in html and "<strong>0.5</strong></td>" in html
+
+
+def test_markdown_leads_nowhere():
+    text = "[a](https://example.org) ![b](https://example.org/b.png) <img src=x> <https://example.org>"
+    assert not re.search("<(a|img)", report_text.html(text))

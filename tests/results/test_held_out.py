@@ -1,0 +1,137 @@
+"""Agents of one phantom on phantoms never seen: tables worked out by hand, and a test from end to end."""
+
+import shutil
+
+import numpy as np
+import pandas as pd
+import pytest
+from made_tables import made, seeds, trial
+
+from usbench import cli, records, suite
+from usbench.compare import transfer
+from usbench.records import ConfigurationError
+from usbench.results import held_out, leaderboard, tables
+
+
+def rows_of(*scores):
+    rows = [(f"pp-p0-vpg-s{seed}", "pp-random", 56, score, -9.0, 0.5) for seed, score in enumerate(scores)]
+    return pd.DataFrame(rows, columns=list(held_out.COLUMNS))
+
+
+KNOWN = made(*seeds("vpg", [0.8, 0.9], task="pp"), *seeds("vpg", [0.5, 0.7], task="pp-random"))
+
+
+def test_the_gap_lies_between_one_and_many_on_the_same_phantoms():
+    (row,) = held_out.table(KNOWN, rows_of(0.1, 0.3)).to_dict("records")
+    assert (row["task"], row["noise"], row["agent"]) == ("pp-random", 0.0, "vpg")
+    # The interquartile mean of two is their mean.
+    assert (row["seen"], row["one"], row["many"]) == pytest.approx((0.85, 0.2, 0.6))
+    assert row["gap"] == pytest.approx(0.4)
+    assert (row["one_seeds"], row["many_seeds"]) == (2, 2)
+    assert row["one_low"] == pytest.approx(0.1) and row["one_high"] == pytest.approx(0.3)
+
+
+def test_only_trials_that_were_tested_have_a_row():
+    assert held_out.table(KNOWN, rows_of()).empty
+    alone = made(*seeds("vpg", [0.8], task="pp"), trial("ppo", task="pp"))
+    (row,) = held_out.table(alone, rows_of(0.1)).to_dict("records")
+    assert row["agent"] == "vpg" and np.isnan(row["many"]) and np.isnan(row["gap"])
+
+
+def test_both_scores_of_an_agent_are_over_the_trials_that_were_tested():
+    known = made(*seeds("vpg", [0.9, 0.9, 0.1, 0.1], task="pp"))
+    (row,) = held_out.table(known, rows_of(0.8, 0.8)).to_dict("records")
+    assert (row["seen"], row["seen_seeds"], row["one"]) == (pytest.approx(0.9), 2, pytest.approx(0.8))
+
+
+def test_configurations_of_an_agent_are_not_pooled():
+    other = seeds("vpg", [0.1], task="pp", configuration="00000002", trial="other")
+    known = made(*seeds("vpg", [0.8, 0.9], task="pp"), *other, *seeds("vpg", [0.5, 0.7], task="pp-random"))
+    more = pd.DataFrame([("other", "pp-random", 56, 0.0, -9.0, 0.5)], columns=list(held_out.COLUMNS))
+    found = held_out.table(known, pd.concat([rows_of(0.1, 0.3), more]))
+    assert list(found["agent"]) == ["vpg 00000001", "vpg 00000002"]
+    assert list(found["one_seeds"]) == [2, 1] and found["gap"].isna().all()
+
+
+def test_the_leaderboard_has_the_track_only_with_tests(tmp_path):
+    folder = leaderboard.files(tmp_path / "leaderboard.md")
+    tables.write(KNOWN, folder)
+    assert "never seen" not in leaderboard.write(folder, tmp_path / "leaderboard.md")[0].read_text()
+    held_out.write(rows_of(0.1, 0.3), folder)
+    text = leaderboard.write(folder, tmp_path / "leaderboard.md")[0].read_text()
+    (line,) = [line for line in text.splitlines() if "pp-random, noise 0 |" in line]
+    assert line == (
+        "| `vpg` | pp-random, noise 0 | 0.850 [0.800, 0.900] | 0.200 [0.100, 0.300] | 0.600 [0.500, 0.700] "
+        "| 0.400 | 2 and 2 |"
+    )
+
+
+def test_a_table_of_something_else_is_refused(tmp_path):
+    (tmp_path / held_out.TABLE).write_text("trial,score\na,1\n")
+    with pytest.raises(ValueError, match=r"held_out.csv is not a table of tests"):
+        held_out.read(tmp_path)
+
+
+def test_an_agent_is_tested_once_on_every_phantom_of_the_list(finished, tmp_path, monkeypatch, capsys):
+    tables.write(tables.collect(finished.parent), tmp_path / "leaderboard_files")
+    command = ["transfer", "--out", str(finished.parent), "--leaderboard", str(tmp_path / "leaderboard.md")]
+    assert cli.main([*command, "--quiet"]) == 0
+    (row,) = held_out.read(tmp_path / "leaderboard_files").to_dict("records")
+    assert (row["trial"], row["task"]) == (finished.name, "pp-random")
+    assert row["episodes"] == len(suite.evaluation_episodes("pp-random"))
+    anchors = suite.anchors("pp-random", records.read_state(finished)["config"]["noise"])
+    expected = (row["return"] - anchors.random) / (anchors.optimal - anchors.random)
+    assert row["normalized_score"] == pytest.approx(expected, abs=1e-4)
+    assert "## Phantoms never seen" in (tmp_path / "leaderboard.md").read_text()
+    shutil.rmtree(finished)
+    assert cli.main([*command, "--quiet"]) == 0  # nothing is opened again
+
+
+def test_without_a_trial_on_one_phantom_there_is_nothing_to_test(tmp_path):
+    tables.write(made(trial("vpg", task="pp-random"), trial("oracle", task="pp")), tmp_path)
+    with pytest.raises(ConfigurationError, match="no finished trial on fp, pp"):
+        transfer.write(tmp_path, tmp_path)
+
+
+def test_what_was_tested_is_kept_when_a_later_test_fails(tmp_path, monkeypatch):
+    names = ["pp-p0-vpg-s0", "pp-p0-vpg-s1", "pp-p0-vpg-s2"]
+    for name in names:
+        (tmp_path / name).mkdir()
+        (tmp_path / name / records.TRIAL).touch()
+    tables.write(made(*seeds("vpg", [0.8, 0.9, 0.7], task="pp")), tmp_path)
+    monkeypatch.setattr("usbench.trials.runner.prepare_frames", lambda task: None)
+
+    def test(trial, algo):
+        if trial.name == names[1]:
+            raise ConfigurationError("its model is broken.")
+        if trial.name == names[2]:
+            raise KeyboardInterrupt
+        return rows_of(0.1).iloc[0].to_dict()
+
+    monkeypatch.setattr(transfer, "test", test)
+    with pytest.raises(KeyboardInterrupt):
+        transfer.write(tmp_path, tmp_path)
+    assert list(held_out.read(tmp_path)["trial"]) == names[:1]
+    shutil.rmtree(tmp_path / names[2])
+    with pytest.raises(ConfigurationError, match=r"1 of 2 trials to test are not in .*, as pp-p0-vpg-s2"):
+        transfer.write(tmp_path, tmp_path)
+    tables.write(made(*seeds("vpg", [0.8, 0.9], task="pp")), tmp_path)
+    with pytest.raises(RuntimeError, match=r"1 of 1 trials cannot be tested, as its model is broken\."):
+        transfer.write(tmp_path, tmp_path)
+
+
+def test_agents_of_ones_own_are_opened_only_if_they_are_named(tmp_path, monkeypatch):
+    own, told, opened = "mine:LongPPO", [], []
+    tables.write(made(trial(own, 0.5, task="pp", trial="own")), tmp_path)
+    (tmp_path / "own").mkdir()
+    (tmp_path / "own" / records.TRIAL).touch()
+    monkeypatch.setattr("usbench.trials.runner.prepare_frames", lambda task: None)
+    monkeypatch.setattr(
+        transfer, "test", lambda trial, algo: opened.append(algo) or rows_of(0.1).iloc[0].to_dict()
+    )
+    transfer.write(tmp_path, tmp_path, told.append)
+    assert told == [f"left out, as testing them runs their code: name them with --algos {own}"] and not opened
+    transfer.write(tmp_path, tmp_path, told.append, [own])
+    assert opened == [own]
+    with pytest.raises(ConfigurationError, match="no finished trial of 'vpg' on fp, pp: .* of mine:LongPPO"):
+        transfer.write(tmp_path, tmp_path, told.append, ["vpg"])

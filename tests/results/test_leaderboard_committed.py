@@ -1,0 +1,27 @@
+"""The leaderboard at the top of the repository is what its committed tables give, to the byte."""
+
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from usbench import suite
+from usbench.results import leaderboard
+from usbench.trials import runner
+
+TOP = Path(__file__).parents[2]
+
+
+@pytest.mark.parametrize("name", ["leaderboard.md", "scores.csv"])
+def test_committed_leaderboard_comes_from_the_committed_tables(tmp_path, name):
+    leaderboard.write(leaderboard.files(TOP / "leaderboard.md"), tmp_path / "leaderboard.md")
+    # `usbench compare` writes them, `usbench leaderboard` writes them again.
+    assert (TOP / name).read_bytes() == (tmp_path / name).read_bytes()
+
+
+def test_trials_of_the_committed_leaderboard_have_the_names_that_they_always_had():
+    # A setting that is new changes no name where it is off: what was run is not run again.
+    trials = pd.read_csv(TOP / "leaderboard_files" / "trials.csv")
+    for task in suite.PAPER:
+        row = trials[(trials["task"] == task) & (trials["algo"] == "vpg") & (trials["seed"] == 0)].iloc[0]
+        assert runner.resolve("vpg", task, noise=row["noise"], steps=row["steps"]).folder_name == row["trial"]

@@ -1,0 +1,56 @@
+"""What a worker process of the tests begins with: drawn frames in place of simulated ones, and accidents."""
+
+import os
+import signal
+import time
+
+import pytest
+from quick_trials import speed_up
+
+
+def quick():
+    """Make trials of this process quick."""
+    speed_up(pytest.MonkeyPatch())
+
+
+def dying():
+    """Quick, and every trial of `stay` kills its process."""
+    quick()
+    from usbench.trials import runner
+
+    run = runner.run_trial
+
+    def run_or_die(config, out, **more):
+        if config.algo == "stay":
+            os.kill(os.getpid(), signal.SIGKILL)
+        return run(config, out, **more)
+
+    runner.run_trial = run_or_die
+
+
+def dask_setup(worker):
+    """Prepare a worker of a Dask cluster, also one that is started in place of another."""
+    quick()
+
+
+def busy(dask_worker):
+    """How many trials run on a worker of a Dask cluster now."""
+    return len(dask_worker.active_threads)
+
+
+def dawdle_once(mark, config, out, progress):
+    """Run a trial; one of vpg dawdles the first time.
+
+    Until its process is killed, nobody waits for it, or `mark`.end is there.
+    """
+    from usbench.compare import sweep
+
+    if config.algo != "vpg" or mark.exists():
+        return sweep.work(config, out)
+    mark.write_text(str(os.getpid()))
+    for _ in range(3000):
+        time.sleep(0.1)
+        progress.frames(0, 1)
+        if mark.with_suffix(".end").exists():
+            break
+    raise TimeoutError

@@ -1,0 +1,89 @@
+"""Small trials of every algorithm, how they end, and what of them must have the same bits."""
+
+import pytest
+import torch
+
+from usbench import records
+from usbench.agents import zoo
+from usbench.trials import callback, runner
+
+LEARNERS = [algo for algo, row in zoo.ZOO.items() if row.learns]
+STEPS = 64
+# So small that all of them have learned from something within these steps.
+SMALL = {
+    "vpg": {"n_steps": 16},
+    "a2c": {"n_steps": 16},
+    "ppo": {"n_steps": 16, "batch_size": 8, "n_epochs": 2},
+    "dqn": {"learning_starts": 12, "train_freq": 6, "target_update_interval": 20},
+    "qrdqn": {"learning_starts": 12, "train_freq": 6, "target_update_interval": 20},
+    "trpo": {"n_steps": 16, "batch_size": 8},
+    "recurrent_ppo": {"n_steps": 16, "batch_size": 8, "n_epochs": 2},
+}
+# What may differ between two runs of the same trial.
+TIMES = ("started", "timings")
+
+
+def config(algo, steps=STEPS, seed=0):
+    return runner.resolve(algo, "pp", noise=0.5, seed=seed, steps=steps, overrides=SMALL.get(algo))
+
+
+def bits(folder):
+    """Everything that a finished trial must have to the bit: records, story, weights, optimizers."""
+    state = records.read_state(folder)
+    model = zoo.model_class(state["config"]["algo"]).load(folder / records.MODEL, device="cpu")
+    journals = [(folder / name).read_bytes() for name in (records.EPISODES, records.EVALUATIONS)]
+    story = {key: value for key, value in state.items() if key not in TIMES}
+    return journals, story, model.num_timesteps, list(_numbers(model.get_parameters()))
+
+
+def _numbers(value):
+    if isinstance(value, torch.Tensor):
+        yield value.numpy().tobytes()
+    elif isinstance(value, dict):
+        for key, item in value.items():
+            yield str(key)
+            yield from _numbers(item)
+    elif isinstance(value, list | tuple):
+        for item in value:
+            yield from _numbers(item)
+    else:
+        yield value
+
+
+ENDED_AT = 44
+# Progress is told of whole episodes.
+FIRST_TOLD = 16
+
+
+class Killed(BaseException):
+    """Stands for SIGKILL: nothing in the project catches it (tests/faults sends the real one)."""
+
+
+class Until(callback.Silent):
+    """Ends a trial at a step, and keeps the first step that it was told."""
+
+    def __init__(self, step=None, error=Killed):
+        self.step, self.error, self.first = step, error, None
+
+    def training(self, now, *_):
+        self.first = self.first or now
+        if now == self.step:
+            raise self.error
+
+
+def killing(*_):
+    raise Killed
+
+
+def ended(out, algo="vpg", step=ENDED_AT, error=Killed):
+    """Run a trial up to a step; return its folder."""
+    with pytest.raises(error):
+        runner.run_trial(config(algo), out, progress=Until(step, error))
+    return out / config(algo).folder_name
+
+
+def go_on(folder, algo="vpg"):
+    """Run the trial to its end; return the first step that was heard of."""
+    progress = Until()
+    assert not runner.run_trial(config(algo), folder.parent, progress=progress).skipped
+    return progress.first

@@ -1,0 +1,123 @@
+"""Algorithms from outside: what docs/extending.md shows, run as a user runs it."""
+
+import re
+import sys
+from dataclasses import replace
+from importlib.metadata import EntryPoint
+from pathlib import Path
+
+import pytest
+
+from usbench import cli, records
+from usbench.agents import plugins, zoo
+from usbench.envs.pose import Pose
+from usbench.envs.tasks.examination import EXAMINATION
+
+PAGE = Path(__file__).parents[2] / "docs" / "extending.md"
+SHORT = ["--task", "pp", "--steps", "64", "--quiet"]
+
+
+@pytest.fixture
+def here(quick, monkeypatch, tmp_path):
+    """A folder with the page's mine.py."""
+    code = re.search(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)[1]
+    (tmp_path / "mine.py").write_text(code)
+    monkeypatch.chdir(tmp_path)
+    yield tmp_path
+    sys.modules.pop("mine", None)
+
+
+def the_trial(here):
+    (folder,) = records.trial_folders(here / "runs")
+    return folder
+
+
+def test_the_pages_classes_are_short():
+    code = re.search(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)[1]
+    assert code.count("\n") < 30
+
+
+def test_the_pages_task_is_the_examination():
+    shown = {}
+    exec(re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)[1], shown)
+    functions = {name: getattr(EXAMINATION, name) for name in ("reward", "is_success", "distance_mm")}
+    assert replace(shown["EXAMINATION"], **functions) == EXAMINATION
+    here, there = Pose(5, 35, 30), Pose(-10, 50, 0)
+    for name, function in functions.items():
+        kinds = [("normalized",), ("paper",)] if name == "reward" else [()]
+        for kind in kinds:
+            assert shown[name](here, there, *kind) == function(here, there, *kind)
+
+
+def test_a_class_without_stable_baselines_is_a_trial_like_any_other(here):
+    assert cli.main(["run", "--algo", "mine:Counter", *SHORT]) == 0
+    folder = the_trial(here)
+    assert ":" not in folder.name
+    # Two checkpoints after the one before training; all are evaluated, both ways.
+    assert sorted(set(records.load(folder)["checkpoint"])) == [0, 32, 64]
+    assert len(records.load(folder, "episodes")) == 64 // 16
+
+
+def test_starts_and_noise_are_those_of_other_algorithms(here):
+    for algo in ("mine:Counter", "a2c"):
+        assert cli.main(["run", "--algo", algo, *SHORT, "--out", algo[:4]]) == 0
+    starts = [
+        records.load(here / out, "episodes").filter(like="start_").to_numpy().tolist()
+        for out in ("mine", "a2c")
+    ]
+    assert starts[0] == starts[1]
+
+
+def test_a_row_of_ones_own_and_settings(here):
+    argv = ["run", "--algo", "mine:LongPPO", *SHORT, "--set", "n_steps=64", "batch_size=64", "gamma=0.5"]
+    assert cli.main(argv) == 0
+    chosen = records.read_state(the_trial(here))["config"]["hyperparameters"]
+    assert (chosen["n_epochs"], chosen["gamma"]) == (8, 0.5)
+
+
+def test_a_stable_baselines_class_gets_the_network_of_all_others():
+    row = zoo.entry("stable_baselines3:PPO")
+    assert row.policy_kwargs == zoo.ZOO["ppo"].policy_kwargs
+    assert zoo.entry("stable_baselines3:DQN").policy_kwargs == zoo.ZOO["dqn"].policy_kwargs
+
+
+def test_entry_point_gives_a_plain_name(here, monkeypatch, capsys):
+    point = EntryPoint("counter", "mine:Counter", plugins.GROUP)
+    monkeypatch.setattr(plugins, "entry_points", lambda group: [point] if group == plugins.GROUP else [])
+    assert cli.main(["list"]) == 0
+    assert "mine:Counter" in capsys.readouterr().out
+    assert cli.main(["run", "--algo", "counter", *SHORT]) == 0
+    assert "-counter-s0-" in the_trial(here).name
+    assert cli.main(["run", "--algo", "countr", *SHORT]) == 2
+    assert "'counter'" in capsys.readouterr().err
+
+
+def test_steps_that_are_not_the_budget_fail_the_trial(here, capsys):
+    (here / "mine.py").write_text(
+        (here / "mine.py").read_text().replace("(total_timesteps):\n            a", "(40):\n            a")
+    )
+    assert cli.main(["run", "--algo", "mine:Counter", *SHORT]) == 1
+    assert "made 40 training steps instead of 64" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("algo", "said"),
+    [
+        ("mine:Missing", "Missing"),
+        ("nowhere:Counter", "No module named 'nowhere'"),
+        ("mine:", "module:name"),
+        ("mine:Counter:x", "module:name"),
+        ("mine:np", "learn and predict"),
+        ("pathlib:Path", "learn and predict"),
+    ],
+)
+def test_what_is_no_algorithm_is_refused_in_one_sentence(here, capsys, algo, said):
+    assert cli.main(["run", "--algo", algo, *SHORT]) == 2
+    error = capsys.readouterr().err
+    assert said in error and error.count("\n") == 1
+
+
+def test_broken_module_is_refused_in_one_sentence(here, capsys):
+    (here / "broken.py").write_text("1 / 0\n")
+    assert cli.main(["run", "--algo", "broken:Agent", *SHORT]) == 2
+    assert "ZeroDivisionError" in capsys.readouterr().err

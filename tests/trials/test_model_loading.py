@@ -1,0 +1,307 @@
+"""Models from strangers: weights come in, code does not."""
+
+import base64
+import io
+import json
+import os
+import pickle
+import shutil
+import zipfile
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+from stable_baselines3 import PPO
+
+from usbench import records, suite
+from usbench.agents import zoo
+from usbench.agents.vpg import VPG
+from usbench.records import ConfigurationError
+from usbench.trials import model_loading, runner
+
+
+class Evil:
+    """A pickle of it makes a folder when it is loaded."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return os.mkdir, (str(self.path),)
+
+
+def rewrite(file, changes):
+    """Write the archive again with other contents; None takes an entry away."""
+    with zipfile.ZipFile(file) as archive:
+        entries = {name: archive.read(name) for name in archive.namelist()} | changes
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in entries.items():
+            if content is not None:
+                archive.writestr(name, content)
+
+
+def saved(thing):
+    file = io.BytesIO()
+    torch.save(thing, file)
+    return file.getvalue()
+
+
+def weights(file):
+    with zipfile.ZipFile(file) as archive:
+        return torch.load(io.BytesIO(archive.read(model_loading.WEIGHTS)), weights_only=True)
+
+
+def refusal(path, **named):
+    with pytest.raises(ConfigurationError) as refused:
+        model_loading.load_agent(path, **named)
+    text = str(refused.value)
+    assert "\n" not in text and text.endswith(".")
+    return text
+
+
+def change_record(folder, **changes):
+    state = records.read_state(folder)
+    state["config"] |= changes
+    records.write_state(folder, state)
+
+
+def observations(task, n=5):
+    env = suite.make_env(task)
+    return np.stack([env.reset(seed=seed)[0] for seed in range(n)])
+
+
+def test_trial_is_opened_and_acts_as_the_model_that_was_saved(finished):
+    loaded = model_loading.load_agent(finished)
+    assert loaded.config == runner.resolve("vpg", "pp", steps=128, noise=0.5)
+    assert loaded.config.folder_name == finished.name
+    seen = observations("pp")
+    ours, _ = loaded.agent.predict(seen, deterministic=True)
+    theirs, _ = VPG.load(finished / records.MODEL).predict(seen, deterministic=True)
+    assert np.array_equal(ours, theirs)
+    state = VPG.load(finished / records.MODEL).policy.state_dict()
+    assert all(torch.equal(state[name], tensor) for name, tensor in loaded.agent.policy.state_dict().items())
+
+
+def test_nothing_is_unpickled_on_the_way(finished, monkeypatch):
+    def forbidden(*_, **__):
+        raise AssertionError("unpickled")
+
+    monkeypatch.setattr("cloudpickle.loads", forbidden)
+    monkeypatch.setattr("stable_baselines3.common.save_util.json_to_data", forbidden)
+    model_loading.load_agent(finished)
+    model_loading.load_agent(finished / records.MODEL)
+
+
+@pytest.mark.parametrize("algo", [name for name, row in zoo.ZOO.items() if row.learns])
+@pytest.mark.parametrize("task", ["fp", "pp"])
+def test_every_algorithms_plain_zip_is_opened(quick, tmp_path, algo, task):
+    config = runner.resolve(algo, task)
+    hyperparameters = config.hyperparameters
+    if "buffer_size" in hyperparameters:
+        hyperparameters = {**hyperparameters, "buffer_size": 10}
+    model = zoo.make(algo, suite.make_env(task), 7, hyperparameters, device="cpu")
+    model.save(tmp_path / "strangers.zip")
+    loaded = model_loading.load_agent(tmp_path / "strangers.zip", algo=algo, task=task)
+    assert loaded.config == config
+    state = model.policy.state_dict()
+    assert all(torch.equal(state[name], tensor) for name, tensor in loaded.agent.policy.state_dict().items())
+    actions, _ = loaded.agent.predict(observations(task), deterministic=True)
+    assert actions.shape == (5,)
+
+
+@pytest.mark.parametrize("algo", ["random", "stay", "oracle"])
+def test_agents_that_do_not_learn_need_no_weights(quick, tmp_path, algo):
+    config = runner.resolve(algo, "fp", noise=0.25)
+    folder = runner.run_trial(config, tmp_path).folder
+    loaded = model_loading.load_agent(folder)
+    assert loaded.config == config
+    assert type(loaded.agent) is zoo.model_class(algo)
+
+
+def test_code_among_the_weights_does_not_run_and_is_named(finished, tmp_path):
+    trace = tmp_path / "trace"
+    rewrite(
+        finished / records.MODEL,
+        {model_loading.WEIGHTS: saved({"weight": torch.zeros(1), "evil": Evil(trace)})},
+    )
+    said = refusal(finished)
+    assert "would run code" in said and "mkdir" in said and "nothing in it was run" in said
+    assert not trace.exists()
+    # The file is what it claims to be: opened in the usual way, it does run.
+    with zipfile.ZipFile(finished / records.MODEL) as archive:
+        torch.load(io.BytesIO(archive.read(model_loading.WEIGHTS)), weights_only=False)
+    assert trace.exists()
+
+
+def test_code_in_a_bare_pickle_does_not_run(finished, tmp_path):
+    trace = tmp_path / "trace"
+    rewrite(finished / records.MODEL, {model_loading.WEIGHTS: pickle.dumps(Evil(trace))})
+    assert "could run code" in refusal(finished)
+    assert not trace.exists()
+
+
+def test_code_beside_the_weights_does_not_run(finished, tmp_path):
+    trace = tmp_path / "trace"
+    with zipfile.ZipFile(finished / records.MODEL) as archive:
+        data = json.loads(archive.read("data"))
+    data["policy_class"] = {":serialized:": base64.b64encode(pickle.dumps(Evil(trace))).decode()}
+    bad = {"policy.optimizer.pth": saved(Evil(trace)), "data": json.dumps(data).encode()}
+    rewrite(finished / records.MODEL, bad)
+    model_loading.load_agent(finished)
+    assert not trace.exists()
+    # The attack is real: Stable-Baselines3 runs it.
+    with pytest.warns(UserWarning), pytest.raises(Exception, match=""):
+        VPG.load(finished / records.MODEL)
+    assert trace.exists()
+
+
+def test_algorithm_of_its_own_is_not_imported_unless_named(finished, tmp_path, monkeypatch):
+    (tmp_path / "strangers.py").write_text(
+        "import pathlib\npathlib.Path('trace').touch()\nclass Agent: pass\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    change_record(finished, algo="strangers:Agent")
+    assert "'strangers:Agent', whose code would run" in refusal(finished)
+    assert not (tmp_path / "trace").exists()
+    assert "learn and predict" in refusal(finished, algo="strangers:Agent")
+    assert (tmp_path / "trace").exists()
+
+
+@pytest.mark.parametrize(
+    "name", ["../outside", "a/../../outside", "/etc/passwd", "..\\outside", "C:\\outside", "\\\\host\\x"]
+)
+def test_names_that_lead_out_of_the_archive_are_refused(finished, name):
+    rewrite(finished / records.MODEL, {name: b""})
+    assert "leads out of the archive" in refusal(finished)
+
+
+def test_model_of_another_network_is_refused(finished):
+    tensors = weights(finished / records.MODEL)
+    shorter = {**tensors, "action_net.bias": torch.zeros(4)}
+    rewrite(finished / records.MODEL, {model_loading.WEIGHTS: saved(shorter)})
+    assert "action_net.bias has shape (4,) instead of (5,)" in refusal(finished)
+    del shorter["action_net.bias"]
+    rewrite(finished / records.MODEL, {model_loading.WEIGHTS: saved(shorter)})
+    assert "has no action_net.bias" in refusal(finished)
+    rewrite(finished / records.MODEL, {model_loading.WEIGHTS: saved(tensors | {"more": torch.zeros(1)})})
+    assert "more is not part of it" in refusal(finished)
+
+
+def test_model_of_another_task_or_algorithm_is_refused(quick, tmp_path):
+    PPO("MlpPolicy", gym.make("CartPole-v1"), device="cpu").save(tmp_path / "cartpole.zip")
+    assert "does not fit ppo on pp" in refusal(tmp_path / "cartpole.zip", algo="ppo", task="pp")
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_weights_that_are_not_finite_are_refused(finished, value):
+    tensors = weights(finished / records.MODEL)
+    tensors["action_net.bias"][0] = value
+    rewrite(finished / records.MODEL, {model_loading.WEIGHTS: saved(tensors)})
+    assert "not finite" in refusal(finished)
+
+
+@pytest.mark.parametrize("inner", [False, True])
+def test_archive_that_unpacks_to_fill_the_memory_is_refused_unread(finished, inner):
+    zeros = bytes(100_000_000)
+    if inner:
+        file = io.BytesIO()
+        with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr("archive/data.pkl", zeros)
+        zeros = file.getvalue()
+    rewrite(finished / records.MODEL, {model_loading.WEIGHTS: zeros})
+    assert "would take 100000000 bytes" in refusal(finished)
+
+
+def test_size_of_a_replay_buffer_is_not_believed(finished):
+    hyperparameters = runner.resolve("dqn", "pp", overrides={"buffer_size": 10_000_000}).hyperparameters
+    change_record(finished, algo="dqn", hyperparameters=hyperparameters)
+    assert "does not fit dqn" in refusal(finished)
+
+
+@pytest.mark.parametrize("content", [b"", b"not a zip", b"PK\x05\x06" + bytes(18)])
+def test_file_that_is_no_model_is_refused(finished, content):
+    (finished / records.MODEL).write_bytes(content)
+    assert "not a" in refusal(finished)
+
+
+def test_model_cut_off_or_changed_is_refused(finished):
+    whole = (finished / records.MODEL).read_bytes()
+    (finished / records.MODEL).write_bytes(whole[: len(whole) // 2])
+    assert "not a readable zip" in refusal(finished)
+    start = whole.index(b"policy.pth") + 10_000
+    (finished / records.MODEL).write_bytes(whole[:start] + bytes(100) + whole[start + 100 :])
+    assert "not a readable zip" in refusal(finished)
+
+
+def test_damaged_model_of_another_packing_is_refused(finished):
+    # Every packing has errors of its own: this one's derive from Exception alone.
+    file = finished / records.MODEL
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_LZMA) as archive:
+        archive.writestr(model_loading.WEIGHTS, bytes(range(256)) * 4)
+    whole = bytearray(file.read_bytes())
+    start = (
+        whole.index(model_loading.WEIGHTS.encode()) + len(model_loading.WEIGHTS) + 9
+    )  # behind the packing's own head
+    whole[start : start + 20] = b"\xff" * 20
+    file.write_bytes(whole)
+    assert "not a readable zip" in refusal(finished)
+
+
+def test_weights_whose_own_table_of_contents_is_broken_are_refused(finished):
+    content = saved(weights(finished / records.MODEL)).replace(b"PK\x01\x02", b"PK\x01\x00")
+    assert zipfile.is_zipfile(io.BytesIO(content))
+    rewrite(finished / records.MODEL, {model_loading.WEIGHTS: content})
+    assert "is broken: its tensors cannot be read" in refusal(finished)
+
+
+@pytest.mark.parametrize("thing", [[torch.zeros(1)], {"a": 1}, {1: torch.zeros(1)}, torch.zeros(1), None])
+def test_weights_that_are_no_named_tensors_are_refused(finished, thing):
+    rewrite(finished / records.MODEL, {model_loading.WEIGHTS: saved(thing)})
+    assert "else than named tensors" in refusal(finished)
+
+
+def test_missing_files_are_named(finished, tmp_path):
+    shutil.copy(finished / records.MODEL, tmp_path / "alone.zip")
+    assert "say its algorithm and its task" in refusal(tmp_path / "alone.zip")
+    assert "say its algorithm and its task" in refusal(tmp_path / "alone.zip", algo="vpg")
+    assert "'alone2.zip'" in refusal("alone2.zip", algo="vpg", task="pp")
+    (finished / records.MODEL).unlink()
+    assert "there is no model" in refusal(finished)
+    (finished / records.TRIAL).unlink()
+    assert "no trial.json" in refusal(finished)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"algo": "vgp"}, "'vpg'"),
+        ({"algo": None}, "does not record"),
+        ({"task": "brain"}, "'brain'"),
+        ({"task": ["pp"]}, "does not record"),
+        ({"noise": 2}, "noise"),
+        ({"steps": "many"}, "steps"),
+        ({"seed": -1}, "seed"),
+        ({"n_frames": 10**9}, "n_frames"),
+        ({"n_frames": "4"}, "n_frames"),
+        ({"hyperparameters": {"gama": 1}}, "'gamma'"),
+        ({"hyperparameters": {"n_steps": 10**9}}, "n_steps"),
+        ({"hyperparameters": [1]}, "does not record"),
+    ],
+)
+def test_record_that_is_no_configuration_is_refused(finished, changes, said):
+    change_record(finished, **changes)
+    assert said in refusal(finished)
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"config": 3}', "no JSON"])
+def test_broken_record_is_refused(finished, text):
+    (finished / records.TRIAL).write_text(text)
+    assert "record" in refusal(finished)
+
+
+def test_record_and_what_is_asked_for_must_agree(finished):
+    model_loading.load_agent(finished, algo="vpg", task="pp")
+    assert "records the algorithm 'vpg', not 'ppo'" in refusal(finished, algo="ppo")
+    assert "records the task 'pp', not 'fp'" in refusal(finished, task="fp")

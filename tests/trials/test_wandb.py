@@ -1,0 +1,79 @@
+"""Weights & Biases beside a trial: offline it keeps what TensorBoard gets and draws no random number."""
+
+import contextlib
+import random
+import sys
+
+import numpy as np
+import pytest
+from stable_baselines3.common.logger import configure
+
+from usbench import cli
+from usbench.figures import learning_curve
+from usbench.records import ConfigurationError
+from usbench.trials import runner, wandb_run
+from usbench.watch import replay
+
+RUN = ["run", "--algo", "stay", "--task", "pp", "--quiet", "--wandb"]
+
+
+@pytest.fixture
+def wandb(tmp_path, monkeypatch):
+    module = pytest.importorskip("wandb")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("WANDB_MODE", "offline")
+    monkeypatch.setenv("WANDB_SILENT", "true")
+    return module
+
+
+# Its dependencies warn, of what is not ours to fix.
+@pytest.mark.filterwarnings("ignore")
+def test_offline_run_keeps_what_tensorboard_gets(wandb, tmp_path):
+    config = runner.resolve("vpg", "pp", noise=0.25)
+    before = random.getstate(), repr(np.random.get_state())
+    with wandb_run.followed(config):
+        logger = configure(str(tmp_path / "tensorboard"), ["tensorboard"])
+        logger.record("evaluation/normalized_score_deterministic", 0.5)
+        logger.dump(16)
+        logger.close()
+    assert (random.getstate(), repr(np.random.get_state())) == before
+    wandb.teardown()  # its service writes the file to its end
+    (kept,) = (tmp_path / "wandb").glob("offline-run-*/*.wandb")
+    for name in (config.folder_name, "evaluation/normalized_score_deterministic", "n_value_steps"):
+        assert name.encode() in kept.read_bytes()
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_run_that_cannot_begin_is_refused(wandb, monkeypatch):
+    def refuse(**_):
+        raise wandb.Error("api_key not\nconfigured")
+
+    monkeypatch.setattr(wandb, "init", refuse)
+    with (
+        pytest.raises(ConfigurationError, match=r"\(api_key not configured\).*WANDB_MODE=offline"),
+        wandb_run.followed(runner.resolve("vpg", "pp")),
+    ):
+        pytest.fail("the trial began")
+
+
+def test_finished_trial_is_not_followed_again(quick, tmp_path, monkeypatch):
+    followed = []
+
+    @contextlib.contextmanager
+    def follow(config):
+        followed.append(config.folder_name)
+        yield
+
+    monkeypatch.setattr(wandb_run, "followed", follow)
+    for module, name in ((learning_curve, "learning_curve"), (replay, "write_gif")):
+        monkeypatch.setattr(module, name, lambda folder: folder)
+    for more, count in (([], 1), ([], 1), (["--overwrite"], 2)):
+        assert cli.main([*RUN, "--out", str(tmp_path), *more]) == 0
+        assert len(followed) == count
+
+
+def test_without_the_extra_it_is_refused(quick, tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "wandb", None)
+    assert cli.main([*RUN, "--out", str(tmp_path)]) == 2
+    assert "usbench[wandb]" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,77 @@
+"""What a picture is taken of: poses, settings and phantoms that can be, and refusals of others."""
+
+import numpy as np
+import pytest
+
+from usbench.envs.phantom import Phantom
+from usbench.envs.pose import Pose
+from usbench.envs.settings import Setup
+from usbench.envs.tasks.imaging_setup import PHANTOM
+from usbench.envs.tasks.random_phantoms import FocalPointRandomEnv
+from usbench.records import ConfigurationError
+from usbench.watch import snapshot_option
+
+
+def test_pose_without_settings_is_plain_and_one_setting_brings_the_default_of_the_other():
+    assert snapshot_option.pose(1, 37, -30) == Pose(1, 37, 330)
+    assert snapshot_option.pose(0, 50, 0, frequency_mhz=2.5) == Setup(0, 50, 0, 2_500, 60)
+    assert snapshot_option.pose(0, 50, 0, dynamic_range_db=40) == Setup(0, 50, 0, 3_500, 40)
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ((0.5, 50, 0), "x_mm must be a whole number, not 0.5"),
+        (("left", 50, 0), "'left'"),
+        ((-41, 50, 0), r"\[-40, 40\].* not -41"),
+        ((0, 0, 0), "at least 1, not 0"),
+        ((0, 501, 0), r"\[1, 500\], not 501"),
+        ((0, 50, float("nan")), "nan"),
+        ((0, 50, 0, 0.9), r"frequency must be in \[1, 10\] MHz, not 0.9"),
+        ((0, 50, 0, float("nan")), r"frequency must be in \[1, 10\] MHz, not nan"),
+        ((0, 50, 0, "high"), r"frequency must be in \[1, 10\] MHz, not 'high'"),
+        ((0, 50, 0, None, 0), r"dynamic_range_db must be in \[1, 200\], not 0"),
+        ((0, 50, 0, None, 40.5), "dynamic_range_db must be a whole number, not 40.5"),
+    ],
+)
+def test_poses_and_settings_that_see_nothing_are_refused(values, said):
+    with pytest.raises(ConfigurationError, match=said):
+        snapshot_option.pose(*values)
+
+
+def test_phantoms_are_those_of_the_tasks():
+    assert (
+        snapshot_option.phantom_of(None)
+        == snapshot_option.phantom_of("pp")
+        == snapshot_option.phantom_of("exam")
+        == Phantom()
+    )
+    assert snapshot_option.phantom_of("setup") == PHANTOM
+    for number in (7, np.int64(7)):
+        assert snapshot_option.phantom_of("fp-random", number) == FocalPointRandomEnv.distribution.phantom(7)
+    assert snapshot_option.phantom_of("fp-random") == FocalPointRandomEnv.distribution.phantom(0)
+
+
+def test_phantoms_have_names_but_for_the_papers():
+    named = [
+        snapshot_option.label(*asked)
+        for asked in ((None,), ("pp",), ("setup",), ("fp-random",), ("fp-random", 7))
+    ]
+    assert named == ["", "", "setup", "fp-random-0", "fp-random-7"]
+
+
+@pytest.mark.parametrize(
+    ("task", "number", "said"),
+    [
+        ("pprandom", None, "unknown task 'pprandom' .did you mean 'pp-random'"),
+        ("pp", 3, "--number is for fp-random and pp-random"),
+        (None, 3, "--number is for fp-random and pp-random"),
+        ("pp-random", -1, r"phantom must be a whole number in \[0, 4294967295\], not -1"),
+        ("pp-random", 2**32, "not 4294967296"),
+        ("pp-random", 0.5, "phantom must be a whole number, not 0.5"),
+        ("pp-random", "first", "'first'"),
+    ],
+)
+def test_phantoms_that_are_not_there_are_refused(task, number, said):
+    with pytest.raises(ConfigurationError, match=said):
+        snapshot_option.phantom_of(task, number)

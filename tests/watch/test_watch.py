@@ -1,0 +1,220 @@
+"""Episodes replayed: the recorded return beside the optimum's, the agent's advice, in files and as text."""
+
+import dataclasses
+import io
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+from rich.console import Console
+
+from usbench import cli, records, suite
+from usbench.agents import zoo
+from usbench.envs import oracle
+from usbench.watch import film, replay, terminal
+from usbench.watch.advice import Advice, Adviser
+
+LEARNERS = ["vpg", "a2c", "dqn", "qrdqn", "recurrent_ppo"]
+
+
+@pytest.fixture
+def without_waiting(monkeypatch):
+    monkeypatch.setattr(terminal.time, "sleep", lambda _: None)
+
+
+def moments(folder, number=0):
+    watched = terminal.choose(folder, [number])
+    return watched, list(terminal._moments(watched, watched.episodes[0]))
+
+
+def agent(algo, task="pp"):
+    env = suite.make_env(task)
+    plan = {"policy": oracle.policy(task)} if algo == "oracle" else {}
+    return zoo.make(algo, env, 0, zoo.hyperparameters(algo, task), **plan)
+
+
+@pytest.mark.parametrize("algo", [*LEARNERS, "stay"])
+def test_advice_is_what_the_agent_does(quick, algo):
+    acting, env = agent(algo), suite.make_env("pp")
+    adviser = Adviser(acting)
+    for _ in range(2):  # a second episode knows nothing of the first
+        adviser.begin()
+        observation, info = env.reset(seed=1)
+        state = None
+        for step in range(6):
+            actions, state = acting.predict(
+                observation[np.newaxis],
+                state=state,
+                episode_start=np.array([step == 0]),
+                deterministic=True,
+            )
+            advice = adviser.advise(observation, info, step)
+            assert advice.best == int(actions[0])
+            if advice.kind == "probability":
+                assert sum(advice.weights) == pytest.approx(1.0)
+            observation, _, _, _, info = env.step(step % 5)
+
+
+def test_advice_of_those_that_do_not_learn(quick):
+    env = suite.make_env("fp")
+    observation, info = env.reset(seed=0, options={"x_mm": -20, "focal_depth_mm": 50})
+    assert Adviser(agent("random", "fp")).advise(observation, info, 0).weights == (0.2,) * 5
+    # 20 mm to the left of the object, in its depth: only a move to the right gains anything.
+    assert Adviser(agent("oracle", "fp")).advise(observation, info, 0).best == 2
+
+
+def test_advice_of_the_saved_model_is_what_was_recorded(finished):
+    watched, played = moments(finished)
+    assert [moment.advice.best for moment in played[:-1]] == watched.episodes[0]["actions"]
+    assert played[-1].advice is None
+
+
+def test_return_and_final_pose_are_the_records(finished):
+    watched, played = moments(finished, 3)
+    record = watched.episodes[0]
+    assert played[-1].return_ == record["return"]
+    assert played[-1].pose.x_mm == record["final_x_mm"]
+    assert played[-1].distance_mm == record["final_distance_mm"]
+
+
+def test_optimum_is_the_programmes_value_of_the_start(quick):
+    played = list(replay.play("fp", 0.0, 1, [0] * 16))
+    expected = oracle.policy("fp").value(0, played[0].pose)
+    assert played[-1].optimum == pytest.approx(expected)
+    assert [played[0].optimum, played[0].return_] == [0.0, 0.0]
+
+
+def test_optimum_meets_the_same_slips(quick):
+    plan, pose, actions = oracle.policy("pp", 0.5), None, []
+    # Whoever plays as the optimum does has its return, slips and all.
+    for _ in range(16):
+        *_, last = replay.play("pp", 0.5, 2, actions)
+        pose = last.pose
+        actions.append(plan.action(len(actions), pose))
+    played = list(replay.play("pp", 0.5, 2, actions))
+    assert played[-1].return_ == pytest.approx(played[-1].optimum)
+    words = {"5 mm to the left", "5 mm to the right", "15° clockwise", "15° counter-clockwise"}
+    assert {moment.slip for moment in played} - {""} <= words and any(moment.slip for moment in played)
+
+
+def test_episodes_in_pictures_that_move_and_a_video(finished, tmp_path):
+    watched = terminal.choose(finished, [0, 3])
+    for episode in watched.episodes:
+        del episode["actions"][2:]
+    for name in ("a.gif", "a.webp"):
+        terminal.write(watched, tmp_path / name)
+        with Image.open(tmp_path / name) as animation:
+            assert animation.n_frames == 6
+            assert animation.format == name[2:].upper()
+    terminal.write(watched, tmp_path / "a.mp4")
+    video = cv2.VideoCapture(str(tmp_path / "a.mp4"))
+    # Two pages of each, and its last one four times as long.
+    assert video.get(cv2.CAP_PROP_FRAME_COUNT) == 12
+    assert video.get(cv2.CAP_PROP_FRAME_HEIGHT) % 2 == video.get(cv2.CAP_PROP_FRAME_WIDTH) % 2 == 0
+    assert sorted(path.name for path in tmp_path.glob("*a.*")) == ["a.gif", "a.mp4", "a.webp"]
+
+
+def test_page_marks_the_advised_action(finished):
+    _, played = moments(finished)
+    names = replay.action_names("pp")
+    page = np.asarray(film.page(played[0], 16, names))
+    height = played[0].picture.shape[0]
+    rows = page[height + 2 + 22 * played[0].advice.best :][4:16, 940:1200]
+    assert (rows == film.BEST).all(axis=2).any()
+    np.testing.assert_array_equal(page[:height], played[0].picture)
+
+
+def test_page_has_room_for_advice_on_every_action_and_tells_the_settings(quick):
+    names = replay.action_names("setup")
+    advice = Advice((0.0,) * (len(names) - 1) + (1.0,))
+    played = [dataclasses.replace(moment, advice=advice) for moment in replay.play("setup", 0.0, 0, [3, 5])]
+    page = np.asarray(film.page(played[0], 2, names))
+    top = played[0].picture.shape[0] + 2 + 22 * (len(names) - 1)
+    assert (page[top + 4 : top + 16, 940:1190] == film.BEST).all()
+    pose = played[-1].pose
+    assert f"{pose.frequency_khz / 1e3:g} MHz, {pose.dynamic_range_db} dB" in terminal.table(played, names)
+
+
+def test_values_are_shown_as_values():
+    advice = Advice((-3.0, -1.25, -0.001), "value")
+    assert film.advice_words(advice, ["a", "b", "c"]) == ["a -3.00", "b -1.25", "c 0.00"]
+    assert advice.best == 2
+
+
+def test_table_has_a_row_for_every_step(finished, capsys):
+    assert cli.main(["watch", str(finished), "--episode", "0"]) == 0
+    head, names, *rows = capsys.readouterr().out.splitlines()
+    assert head.startswith("vpg on pp, noise 0.5, seed 0: evaluation episode 0 at step 128, greedy")
+    for name in ("action", "reward", "optimum", "distance (mm)", "angle (deg)", "advice"):
+        assert name in names
+    assert len(rows) == 17 and "%" in rows[0]
+
+
+def test_terminal_shows_colour_blocks_and_words(finished, without_waiting):
+    console = Console(file=io.StringIO(), force_terminal=True, width=100, height=30, color_system="truecolor")
+    terminal.show(terminal.choose(finished, [0]), console)
+    shown = console.file.getvalue()
+    for words in ("step 16/16", "optimum in this episode", "advice: ", "▀", "38;2;"):
+        assert words in shown
+
+
+@pytest.mark.parametrize(("width", "height"), [(80, 24), (40, 15), (200, 60)])
+def test_scene_fits_the_terminal(finished, width, height):
+    _, played = moments(finished)
+    image, starts = terminal.panels(played[0].picture, width, height)
+    assert image.shape[0] <= 2 * height and image.shape[0] % 2 == 0 and image.shape[1] <= width
+    # Two pixels make a character twice as high as wide: 80 mm across is as long as 80 mm of depth.
+    assert (starts[2] - starts[1] - terminal.GAP) / image.shape[0] == pytest.approx(400 / 490, rel=0.15)
+
+
+def test_blocks_in_colour_and_in_grey():
+    image = np.array([[[255, 0, 0], [0, 0, 0]], [[0, 0, 255], [0, 0, 0]]], np.uint8)
+    colored = terminal.blocks(image, colored=True)
+    assert colored.plain == "▀▀\n"
+    style = colored.spans[0].style
+    assert (style.color.triplet, style.bgcolor.triplet) == ((255, 0, 0), (0, 0, 255))
+    white = np.full((2, 1, 3), 255, np.uint8)
+    assert terminal.blocks(np.concatenate([white, 0 * white], axis=1), colored=False).plain == "█ \n"
+
+
+def test_interruption_gives_the_cursor_back(finished, monkeypatch):
+    console = Console(file=io.StringIO(), force_terminal=True, width=80, height=24)
+
+    def interrupt(_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(terminal.time, "sleep", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        terminal.show(terminal.choose(finished), console)
+    hidden, shown = "\x1b[?25l", "\x1b[?25h"
+    assert console.file.getvalue().rfind(shown) > console.file.getvalue().rfind(hidden) >= 0
+
+
+def test_without_a_model_it_plays_without_advice_and_says_so(finished, capsys):
+    (finished / records.MODEL).unlink()
+    assert cli.main(["watch", str(finished), "--drawn"]) == 0
+    captured = capsys.readouterr()
+    assert captured.err.startswith("without advice: there is no model") and "drawn actions" in captured.out
+
+
+@pytest.mark.parametrize(
+    ("argv", "said"),
+    [
+        (["--episode", "99"], "from 0 to 3, not 99"),
+        (["--episode", "first"], "'first'"),
+        (["--out", "a.avi"], ".gif, .webp, .mp4, not 'a.avi'"),
+        (["--out", "no/where.gif"], "a folder that exists"),
+    ],
+)
+def test_what_cannot_be_watched_is_refused(finished, capsys, argv, said):
+    assert cli.main(["watch", str(finished), *argv]) == 2
+    captured = capsys.readouterr()
+    assert said in captured.err and captured.err.count("\n") == 1 and captured.out == ""
+
+
+def test_folder_that_is_no_trial_is_refused(tmp_path, capsys):
+    assert cli.main(["watch", str(tmp_path)]) == 2
+    assert "is not the folder of a trial" in capsys.readouterr().err
+    (tmp_path / records.TRIAL).write_text("[]")
+    assert cli.main(["watch", str(tmp_path)]) == 2

@@ -1,0 +1,111 @@
+"""The command line: arguments in, exit status out."""
+
+import argparse
+import contextlib
+import os
+import signal
+import sys
+from collections.abc import Iterator, Sequence
+from importlib.metadata import version
+
+from usbench.cli import (
+    cache,
+    compare,
+    frame,
+    guide,
+    leaderboard,
+    list,
+    plot,
+    report,
+    run,
+    search,
+    transfer,
+    watch,
+)
+from usbench.cli.arguments import REFUSED, Parser
+
+DONE, FAILED, INTERRUPTED = 0, 1, 130
+# As `usbench --help` lists them.
+COMMANDS = (run, compare, leaderboard, transfer, search, frame, watch, plot, guide, report, list, cache)
+
+EXAMPLES = """examples:
+  usbench run --algo vpg --task pp
+  usbench run --algo vpg --task fp --noise 0.25 --seed 3
+  usbench run --algo vpg --task pp --preset spinup --set gamma=0.95 --out my_runs
+  usbench compare --tasks pp --noise 0 --seeds 2 --steps 1024
+  usbench run --algo dqn --task exam --reward image
+  usbench compare --algos vpg dqn --tasks pp pp-random --noise 0
+  usbench transfer
+  usbench leaderboard
+  usbench frame --x 10 --depth 35 --angle 60
+  usbench watch runs/pp-p0-vpg-s0-f5fd15c6
+  usbench plot runs --out figures --format svg
+  usbench report
+  usbench list
+  usbench cache --clear
+"""
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """Return the parser of the whole command line."""
+    parser = Parser(
+        prog="usbench",
+        description="Reinforcement learning for ultrasound probe guidance, with exact anchors.",
+        epilog=EXAMPLES,
+    )
+    parser.add_argument("--version", action="version", version=f"usbench {version('usbench')}")
+    subparsers = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    debug = Parser(add_help=False)
+    debug.add_argument("--debug", action="store_true", help="show the traceback of an error")
+
+    for command in COMMANDS:
+        command.add(subparsers, debug)
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line `argv`; return 0 if done, 1 if it failed, 2 if refused, 130 if interrupted."""
+    try:
+        args = build_parser().parse_args(argv)
+    except SystemExit as exit_:
+        return int(exit_.code or 0)
+    try:
+        with _terminable(), _own_modules():
+            args.call(args)
+            sys.stdout.flush()
+    except KeyboardInterrupt:
+        print("usbench: interrupted, what was recorded is kept.", file=sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:
+        # The reader has gone (`usbench list | head`): nobody is left to be told.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return FAILED
+    except Exception as error:
+        if args.debug:
+            raise
+        from usbench.records import ConfigurationError
+
+        print(f"usbench: error: {' '.join(str(error).split())}", file=sys.stderr)
+        return REFUSED if isinstance(error, ConfigurationError) else FAILED
+    return DONE
+
+
+@contextlib.contextmanager
+def _own_modules() -> Iterator[None]:
+    """Let a command import algorithms of the user's own from the folder where it runs."""
+    folder = os.getcwd()
+    sys.path.append(folder)
+    try:
+        yield
+    finally:
+        sys.path.remove(folder)
+
+
+@contextlib.contextmanager
+def _terminable() -> Iterator[None]:
+    """Let SIGTERM end a command as Ctrl-C does, with its state kept."""
+    previous = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, previous)

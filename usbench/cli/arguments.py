@@ -1,0 +1,69 @@
+"""What all commands' arguments have in common: how they are refused and what they are read as."""
+
+import argparse
+import contextlib
+from pathlib import Path
+from typing import Any, NoReturn
+
+REFUSED = 2
+
+
+class Parser(argparse.ArgumentParser):
+    """Refuses in one sentence, without the usage text."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        """Takes argparse's arguments."""
+        super().__init__(allow_abbrev=False, formatter_class=argparse.RawDescriptionHelpFormatter, **kwargs)
+
+    def error(self, message: str) -> NoReturn:
+        """Exit with the status of what is refused."""
+        # What was typed may hold line breaks.
+        self.exit(REFUSED, f"usbench: error: {' '.join(message.split())} (see {self.prog} --help)\n")
+
+
+def number(text: str) -> int | float | str:
+    """Return a number where `text` is one; what is allowed is decided where the value is used."""
+    for kind in (int, float):
+        with contextlib.suppress(ValueError):
+            return kind(text)
+    return text
+
+
+def setting(text: str) -> tuple[str, str]:
+    """Return name and value of "name=value"."""
+    name, separator, value = text.partition("=")
+    if not (name and separator and value):
+        raise argparse.ArgumentTypeError(f"{text!r} is not of the form name=value")
+    return name, value
+
+
+def phantom(parser: argparse.ArgumentParser, target: str = "") -> None:
+    """Add the option for an anatomy of one's own, with what is to be known of its target."""
+    parser.add_argument(
+        "--phantom",
+        nargs="+",
+        default=[],
+        metavar=("FILE", "NAME=VALUE"),
+        help="a 3-D image (.nii, .mha, .nrrd) in place of the phantom, needs usbench[anatomy]: "
+        "frames=simulated (default) or recorded, lateral=x, down=z, center_x_mm, center_y_mm, skin_mm, seed, "
+        "density_per_mm3, dynamic_range_db, attenuation_db_per_cm_mhz"
+        f"{'; ' if target else ''}{target}",
+    )
+
+
+def add_leaderboard_file(parser: argparse.ArgumentParser) -> None:
+    """Add the option for the file of the leaderboard."""
+    parser.add_argument(
+        "--leaderboard",
+        type=Path,
+        default=Path("leaderboard.md"),
+        metavar="FILE",
+        help="file to write (default leaderboard.md)",
+    )
+
+
+def add_sweep(parser: argparse.ArgumentParser) -> None:
+    """Add the options of commands that run several trials."""
+    parser.add_argument("--jobs", type=number, metavar="N", help="trials at a time (default: all cores)")
+    parser.add_argument("--out", type=Path, default=Path("runs"), help="folder for trials (default runs)")
+    parser.add_argument("--quiet", action="store_true", help="no progress")

@@ -1,0 +1,116 @@
+"""`usbench compare`: compare algorithms and write a leaderboard."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from typing import TYPE_CHECKING, Any
+
+from usbench.cli.arguments import add_leaderboard_file, add_sweep, number
+
+if TYPE_CHECKING:
+    from usbench.compare.sweep import Outcome
+    from usbench.records import TrialConfig
+
+
+EXAMPLES = """examples:
+  usbench compare
+      the paper's grid: vpg, a2c, ppo and dqn on both tasks with three noise levels and 4 seeds
+  usbench compare --algos vpg ppo --tasks pp --noise 0 --seeds 10 --jobs 8
+  usbench compare --steps 1024 --seeds 2 --out quick --leaderboard quick/leaderboard.md
+      a minute's try
+  usbench compare --cluster tcp://host:8786
+      on the workers of a Dask cluster (docs/scaling.md)
+
+What is finished is not run again, so the same command goes on after an interruption; with --report-only it
+writes the leaderboard of what there is so far.
+"""
+
+
+def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
+    """Add the command to the command line; `debug` is what all commands share."""
+    compare = subparsers.add_parser(
+        "compare",
+        parents=[debug],
+        epilog=EXAMPLES,
+        help="compare algorithms and write a leaderboard",
+        description="Run the trials that are missing, several at a time; write the leaderboard, "
+        "scores.csv beside it, and tables and figures in a folder beside it. random, stay and oracle always "
+        "take part.",
+    )
+    compare.add_argument(
+        "--algos",
+        nargs="+",
+        default=["vpg", "a2c", "ppo", "dqn"],
+        metavar="NAME",
+        help="algorithms, also your own as module:name (default vpg a2c ppo dqn; see usbench list)",
+    )
+    compare.add_argument(
+        "--tasks", nargs="+", default=["fp", "pp"], metavar="NAME", help="tasks (default fp pp)"
+    )
+    compare.add_argument(
+        "--noise",
+        nargs="+",
+        type=number,
+        default=[0.0, 0.25, 0.5],
+        metavar="P",
+        help="probabilities 0..1 (default 0 0.25 0.5)",
+    )
+    compare.add_argument("--seeds", type=number, default=4, metavar="N", help="number of seeds (default 4)")
+    compare.add_argument(
+        "--steps", type=number, metavar="N", help="training steps (default: the task's budget)"
+    )
+    add_leaderboard_file(compare)
+    add_sweep(compare)
+    compare.add_argument(
+        "--cluster",
+        metavar="ADDRESS",
+        help="run the trials on a Dask cluster, for example tcp://host:8786; needs usbench[dask]",
+    )
+    compare.add_argument(
+        "--report-only", action="store_true", help="run nothing: write the leaderboard of what is finished"
+    )
+    compare.set_defaults(call=_call)
+
+
+def _call(args: argparse.Namespace) -> None:
+    """Run what is missing of a comparison, then write its leaderboard and figures."""
+    from usbench.cli import sweep_progress
+    from usbench.compare import plan
+
+    jobs = None if args.jobs is None else plan.positive("jobs", args.jobs)
+    planned = plan.plan(args.algos, args.tasks, args.noise, args.seeds, args.steps)
+    plan.prepare(args.leaderboard)
+    outcomes = [] if args.report_only else _run_missing(args, planned, jobs)
+    # First: damaged records make no leaderboard.
+    failed = sweep_progress.failures(outcomes)
+    for line in failed:
+        print(line, file=sys.stderr)
+    for path in plan.report(planned, args.out, args.leaderboard):
+        print(path)
+    if failed:
+        raise RuntimeError(
+            f"{len(failed)} of {len(planned)} trials failed; the same command tries them again."
+        )
+
+
+def _run_missing(args: argparse.Namespace, planned: list[TrialConfig], jobs: int | None) -> list[Outcome]:
+    from usbench.cli import sweep_progress
+    from usbench.compare import sweep
+    from usbench.envs.threads import n_threads
+
+    with sweep_progress.SweepBars(args.quiet) as bars:
+        if args.cluster is None:
+            return sweep.run(planned, args.out, bars, jobs=jobs or n_threads())
+        from usbench.compare.dask_cluster import Cluster
+
+        with Cluster(args.cluster) as workers:
+            return sweep.run(
+                planned,
+                args.out,
+                bars,
+                jobs=jobs or workers.n_workers,
+                executor=lambda: workers,
+                # All at once, for workers that are still to come.
+                submitted=jobs or len(planned),
+            )

@@ -1,0 +1,79 @@
+"""`usbench frame`: write one B-mode frame, envelope or RF."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from usbench.cli.arguments import number, phantom
+
+EXAMPLES = """examples:
+  usbench frame --x 10 --depth 35 --angle 60
+  usbench frame --x 10 --depth 35 --angle 60 --plain --out frame.png
+      the 90 x 40 pixels of 1 mm that an agent sees
+  usbench frame --depth 37 --rf --out rf.npy
+  usbench frame --task setup --frequency 3 --dynamic-range 40
+  usbench frame --task pp-random --number 7 --angle 30
+      the phantom of an episode, whose records name it
+  usbench frame --angle 30 --phantom spine.mha frames=recorded
+      of a volume of your own (docs/anatomy.md)
+"""
+
+
+def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
+    """Add the command to the command line; `debug` is what all commands share."""
+    frame = subparsers.add_parser(
+        "frame",
+        parents=[debug],
+        epilog=EXAMPLES,
+        help="what the probe sees from a pose, as a picture or as numbers",
+        description="Write what the probe sees of a task's phantom, or of a 3-D image, from a pose: the "
+        "B-mode frame, its envelope or its RF, as a figure to scale (.png) or as numbers (.npy).",
+    )
+    frame.add_argument("--x", type=number, default=0, metavar="MM", help="of the probe's centre (default 0)")
+    frame.add_argument("--depth", type=number, default=50, metavar="MM", help="of the focus (default 50)")
+    frame.add_argument(
+        "--angle", type=number, default=0, metavar="DEG", help="clockwise from above (default 0)"
+    )
+    frame.add_argument("--frequency", type=number, metavar="MHZ", help="centre frequency (default 3.5)")
+    frame.add_argument(
+        "--dynamic-range", type=number, metavar="DB", help="shown below the maximum (default 60)"
+    )
+    frame.add_argument("--task", metavar="NAME", help="whose phantom (default: that of fp and pp)")
+    frame.add_argument(
+        "--number",
+        type=number,
+        metavar="N",
+        help="which phantom of a task with many, from 2147483648 on those of the evaluation (default 0)",
+    )
+    kind = frame.add_mutually_exclusive_group()
+    kind.add_argument("--rf", action="store_const", const="rf", dest="kind", help="RF of the 64 lines")
+    kind.add_argument(
+        "--envelope", action="store_const", const="envelope", dest="kind", help="envelope of the 64 lines"
+    )
+    phantom(frame)
+    frame.add_argument("--plain", action="store_true", help="the bare pixels, without axes")
+    frame.add_argument(
+        "--out", type=Path, metavar="FILE", help=".png or .npy (default: a .png named after the pose)"
+    )
+    frame.set_defaults(call=_call, kind="frame")
+
+
+def _call(args: argparse.Namespace) -> None:
+    """Write what the probe sees from a pose."""
+    from usbench.records import ConfigurationError
+    from usbench.trials import anatomy_record
+    from usbench.watch import snapshot, snapshot_option
+
+    pose = snapshot_option.pose(args.x, args.depth, args.angle, args.frequency, args.dynamic_range)
+    if args.phantom and (args.task, args.number) != (None, None):
+        raise ConfigurationError("--phantom is in place of a task's phantom: leave out --task and --number.")
+    phantom = anatomy_record.asked(args.phantom, looking=True) or snapshot_option.phantom_of(
+        args.task, args.number
+    )
+    label = snapshot_option.label(args.task, args.number)
+    path = snapshot.path(args.out, args.kind, pose, args.plain, label)
+    taken = snapshot.take(pose, args.kind, phantom, label)
+    snapshot.write(taken, path, args.plain)
+    print(f"{path}: {taken.kind}, {taken.values.shape} {taken.values.dtype}, {taken.unit}")

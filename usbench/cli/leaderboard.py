@@ -1,0 +1,68 @@
+"""`usbench leaderboard`: write a leaderboard again."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from usbench.cli.arguments import add_leaderboard_file
+
+if TYPE_CHECKING:
+    from usbench.results.tables import Results
+
+
+def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
+    """Add the command to the command line; `debug` is what all commands share."""
+    leaderboard = subparsers.add_parser(
+        "leaderboard",
+        parents=[debug],
+        help="write a leaderboard again, from its tables, from every trial in a folder, or from both",
+        description="Write the leaderboard, scores.csv beside it and the figures again, from the tables that "
+        "compare left in the folder beside it (leaderboard_files), of several comparisons together, or with "
+        "more trials; no trial is run.",
+    )
+    source = leaderboard.add_mutually_exclusive_group()
+    source.add_argument(
+        "--runs", type=Path, metavar="DIR", help="folder with trials: read all of them, whatever compare read"
+    )
+    source.add_argument(
+        "--add", type=Path, metavar="DIR", help="folder with trials: add them to those of the tables"
+    )
+    add_leaderboard_file(leaderboard)
+    leaderboard.set_defaults(call=_call)
+
+
+def _call(args: argparse.Namespace) -> None:
+    """Write a leaderboard and its figures again: of its tables, of a folder's trials, or of both."""
+    from usbench.compare import plan
+    from usbench.figures import comparison
+    from usbench.results import leaderboard, tables
+
+    folder = leaderboard.files(args.leaderboard)
+    if args.runs is not None or args.add is not None:
+        known, others = plan.gather(args.runs or args.add)
+        for name, task in others[["trial", "task"]].itertuples(index=False, name=None):
+            print(
+                f"left out, as it is not {task} as it stands in the table of tasks: {name}", file=sys.stderr
+            )
+        if args.add is not None:
+            known = _added(tables.read(folder), known)
+        tables.write(known, plan.prepare(args.leaderboard))
+    known = tables.read(folder)
+    for path in [*leaderboard.write(folder, args.leaderboard), *comparison.write(known, folder)]:
+        print(path)
+
+
+def _added(before: Results, known: Results) -> Results:
+    """Add trials to those of the tables, and say of those that were there whether they came out the same."""
+    from usbench.results import tables
+
+    same, other = tables.repeated(before, known)
+    if same or other:
+        n = len(same) + len(other)
+        print(f"in the tables already, with the same numbers: {len(same)} of {n}", file=sys.stderr)
+    for name in other:
+        print(f"in the tables already, with other numbers: {name}", file=sys.stderr)
+    return tables.joined(before, known)

@@ -1,0 +1,54 @@
+"""`usbench plot`: draw figures of any set of trials."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+EXAMPLES = """examples:
+  usbench plot
+      the leaderboard's figures of all trials in runs
+  usbench plot runs/pp-p0-vpg-s0-f5fd15c6 --format png svg pdf
+      of one trial, with its learning curve
+  usbench plot leaderboard_files --out paper --format pdf
+      from the tables that compare left
+"""
+
+
+def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
+    """Add the command to the command line; `debug` is what all commands share."""
+    plot = subparsers.add_parser(
+        "plot",
+        parents=[debug],
+        epilog=EXAMPLES,
+        help="draw figures of any set of trials",
+        description="Draw the leaderboard's figures of finished trials, and the learning curve "
+        "of every trial that is named itself.",
+    )
+    plot.add_argument(
+        "runs",
+        nargs="*",
+        type=Path,
+        default=[Path("runs")],
+        metavar="RUNS",
+        help="folders of trials, single trials, or the folder of a leaderboard's tables (default runs)",
+    )
+    plot.add_argument("--out", type=Path, default=Path("figures"), help="folder (default figures)")
+    plot.add_argument(
+        "--format",
+        nargs="+",
+        default=["png"],
+        dest="formats",
+        metavar="KIND",
+        help="png, svg, pdf, or several of them (default png)",
+    )
+    plot.set_defaults(call=_call)
+
+
+def _call(args: argparse.Namespace) -> None:
+    """Draw figures of any set of trials."""
+    from usbench.figures import learning_curve
+
+    for path in learning_curve.write(args.runs, args.out, args.formats):
+        print(path)

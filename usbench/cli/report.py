@@ -1,0 +1,44 @@
+"""`usbench report`: put everything about a set of trials on one page."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+
+def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
+    """Add the command to the command line; `debug` is what all commands share."""
+    report = subparsers.add_parser(
+        "report",
+        parents=[debug],
+        help="put everything about a set of trials on one page",
+        description="Write one HTML file that works offline: leaderboard, figures, a replay and a map of the "
+        "actions for each agent and task, look-alike poses, how episodes end, configuration.",
+    )
+    report.add_argument(
+        "runs",
+        nargs="?",
+        type=Path,
+        default=Path("runs"),
+        metavar="RUNS",
+        help="folder of trials, or a single trial (default runs)",
+    )
+    report.add_argument(
+        "--out", type=Path, default=Path("report.html"), metavar="FILE", help=".html (default report.html)"
+    )
+    report.add_argument("--quiet", action="store_true", help="no progress")
+    report.set_defaults(call=_call)
+
+
+def _call(args: argparse.Namespace) -> None:
+    """Write the page of a set of trials."""
+    from usbench.report import page
+
+    def tell(text: str) -> None:
+        if not args.quiet:
+            print(text, file=sys.stderr)
+
+    path = page.write(args.runs, args.out, tell)
+    print(f"{path}: {path.stat().st_size / 1e6:.1f} MB")

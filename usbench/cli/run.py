@@ -1,0 +1,99 @@
+"""`usbench run`: train and evaluate one agent on one task."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+from pathlib import Path
+from typing import Any
+
+from usbench.cli.arguments import number, phantom, setting
+
+EXAMPLES = """examples:
+  usbench run --algo vpg --task pp
+  usbench run --algo vpg --task fp --noise 0.25 --seed 3
+  usbench run --algo vpg --task pp --preset spinup --set gamma=0.95 --out my_runs
+  usbench run --algo dqn --task pp --phantom spine.mha frames=recorded target_x_mm=0 target_angle_deg=0
+      in an anatomy of your own (docs/anatomy.md)
+"""
+
+
+def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
+    """Add the command to the command line; `debug` is what all commands share."""
+    run = subparsers.add_parser(
+        "run",
+        parents=[debug],
+        epilog=EXAMPLES,
+        help="train and evaluate one agent on one task",
+        description="Train and evaluate one agent on one task; leave records, learning curve and replay.",
+    )
+    run.add_argument("--algo", required=True, help="algorithm, for example vpg (see usbench list)")
+    run.add_argument("--task", required=True, help="task, for example pp (see usbench list)")
+    run.add_argument("--noise", type=number, default=0.0, metavar="P", help="probability 0..1 (default 0)")
+    run.add_argument("--seed", type=number, default=0, metavar="N", help="trial seed (default 0)")
+    run.add_argument("--steps", type=number, metavar="N", help="training steps (default: the task's budget)")
+    run.add_argument(
+        "--n-frames", type=number, default=4, metavar="N", help="frames in one observation (default 4)"
+    )
+    run.add_argument(
+        "--reward",
+        default="normalized",
+        metavar="KIND",
+        help="what is trained on: normalized (default), or image, computed from the frame alone; "
+        "scores are those of the true reward",
+    )
+    phantom(run, "target_x_mm and target_angle_deg or target_focal_depth_mm say where it is seen best")
+    run.add_argument("--preset", metavar="NAME", help="named hyperparameters, for example spinup")
+    run.add_argument(
+        "--set",
+        action="extend",
+        nargs="+",
+        type=setting,
+        default=[],
+        metavar="NAME=VALUE",
+        help="hyperparameters, for example n_value_steps=80",
+    )
+    run.add_argument("--out", type=Path, default=Path("runs"), help="folder for trials (default runs)")
+    run.add_argument("--overwrite", action="store_true", help="run again even if finished")
+    run.add_argument(
+        "--wandb", action="store_true", help="let Weights & Biases follow the training; needs usbench[wandb]"
+    )
+    run.add_argument("--quiet", action="store_true", help="no progress")
+    run.set_defaults(call=_call)
+
+
+def _call(args: argparse.Namespace) -> None:
+    """Train and evaluate one agent on one task."""
+    from usbench import records
+    from usbench.cli import console
+    from usbench.figures import learning_curve
+    from usbench.trials import anatomy_record, callback, runner, wandb_run
+    from usbench.watch import replay
+
+    config = runner.resolve(
+        args.algo,
+        args.task,
+        noise=args.noise,
+        seed=args.seed,
+        steps=args.steps,
+        n_frames=args.n_frames,
+        reward=args.reward,
+        anatomy=anatomy_record.asked(args.phantom),
+        preset=args.preset,
+        overrides=dict(args.set),
+    )
+    progress: callback.Progress = callback.Silent() if args.quiet else console.Bars()
+    folder = args.out / config.folder_name
+    follow = args.wandb and (args.overwrite or records.read_state(folder).get("status") != "finished")
+    try:
+        with wandb_run.followed(config) if follow else contextlib.nullcontext():
+            result = runner.run_trial(config, args.out, overwrite=args.overwrite, progress=progress)
+    finally:
+        progress.close()
+    if result.skipped:
+        print("This trial is finished already; here are its results (--overwrite runs it again).")
+    comparison = {
+        "learning curve": learning_curve.learning_curve(result.folder),
+        "replay": replay.write_gif(result.folder),
+    }
+    console.print_trial(result.folder, comparison)

@@ -1,0 +1,50 @@
+"""`usbench transfer`: test agents of one phantom on unseen phantoms."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+from usbench.cli.arguments import add_leaderboard_file
+
+
+def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
+    """Add the command to the command line; `debug` is what all commands share."""
+    transfer = subparsers.add_parser(
+        "transfer",
+        parents=[debug],
+        help="test agents of one phantom on phantoms never seen",
+        description="Test every agent of a comparison that was trained on one phantom (fp, pp) on the "
+        "evaluation phantoms of the same task with many (fp-random, pp-random), and write the leaderboard "
+        "with both side by side: usbench compare --tasks pp pp-random, then this. What was tested is not "
+        "tested again.",
+    )
+    transfer.add_argument(
+        "--algos",
+        nargs="+",
+        metavar="NAME",
+        help="only these (default: all but your own, module:name, whose code is run if they are named)",
+    )
+    transfer.add_argument(
+        "--out", type=Path, default=Path("runs"), help="folder with the comparison's trials (default runs)"
+    )
+    add_leaderboard_file(transfer)
+    transfer.add_argument("--quiet", action="store_true", help="no progress")
+    transfer.set_defaults(call=_call)
+
+
+def _call(args: argparse.Namespace) -> None:
+    """Test agents of one phantom on phantoms never seen, and write the leaderboard again."""
+    from usbench.compare import transfer
+    from usbench.results import leaderboard
+
+    def tell(text: str) -> None:
+        if not args.quiet:
+            print(text, file=sys.stderr)
+
+    folder = leaderboard.files(args.leaderboard)
+    print(transfer.write(args.out, folder, tell, args.algos))
+    for path in leaderboard.write(folder, args.leaderboard):
+        print(path)

@@ -1,0 +1,58 @@
+"""`usbench watch`: replay evaluation episodes of a trial."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+from usbench.cli.arguments import number
+
+EXAMPLES = """examples:
+  usbench watch runs/pp-p0-vpg-s0-f5fd15c6
+      in the terminal; as a table of text where the output is no terminal
+  usbench watch runs/pp-p0-vpg-s0-f5fd15c6 --episode 0 17 --out episodes.mp4
+  usbench watch runs/pp-p0-vpg-s0-f5fd15c6 --drawn --out episode.gif
+"""
+
+
+def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
+    """Add the command to the command line; `debug` is what all commands share."""
+    watch = subparsers.add_parser(
+        "watch",
+        parents=[debug],
+        epilog=EXAMPLES,
+        help="replay evaluation episodes of a trial",
+        description="Replay episodes of a trial's last evaluation: scene and frame, action, reward, return "
+        "beside the optimum's in the same episode, and what the saved agent advises.",
+    )
+    watch.add_argument("trial", type=Path, metavar="TRIAL", help="folder of a trial")
+    watch.add_argument(
+        "--episode",
+        nargs="+",
+        type=number,
+        default=[],
+        metavar="N",
+        help="numbers of evaluation episodes (default: the one whose return is the median)",
+    )
+    watch.add_argument(
+        "--drawn", action="store_true", help="episodes with drawn actions instead of the most probable ones"
+    )
+    watch.add_argument("--out", type=Path, metavar="FILE", help=".gif, .webp or .mp4 (default: the terminal)")
+    watch.set_defaults(call=_call)
+
+
+def _call(args: argparse.Namespace) -> None:
+    """Replay evaluation episodes of a trial."""
+    from usbench.watch import terminal
+
+    out = args.out if args.out is None else terminal.check_file(args.out)
+    watched = terminal.choose(args.trial, args.episode, drawn=args.drawn)
+    if watched.adviser is None:
+        print(f"without advice: {watched.silence}", file=sys.stderr)
+    if out is None:
+        terminal.show(watched)
+    else:
+        terminal.write(watched, out)
+        print(out)

@@ -1,0 +1,1 @@
+"""Many trials: planned, run several at a time, searched, and tested elsewhere."""

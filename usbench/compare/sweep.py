@@ -1,0 +1,228 @@
+"""Many trials on `concurrent.futures` executors: processes here, or the workers of a cluster.
+
+Each of `jobs` slots runs one trial at a time on an executor of its own. A worker that dies (killed, or out of
+memory) takes one trial with it and no other; that trial starts again on a fresh one, at most twice.
+"""
+
+import contextlib
+import multiprocessing
+import os
+import signal
+import threading
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from queue import SimpleQueue
+from typing import Any, NoReturn, Protocol
+
+from usbench import records
+from usbench.records import ConfigurationError, TrialConfig
+from usbench.trials import runner
+from usbench.trials.finished import is_finished
+
+RETRIES = 2
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a trial ended: `reason` is None if it is finished, else why it is not."""
+
+    config: TrialConfig
+    reason: str | None
+
+
+class Progress(Protocol):
+    """What a sweep tells while it runs."""
+
+    def frames(self, done: int, total: int) -> None:
+        """`done` of `total` frames are simulated."""
+
+    def started(self, n_missing: int, n_finished: int, expected_s: float | None) -> None:
+        """So many trials are to be run and so many are finished; None where no record tells how long."""
+
+    def ended(self, outcome: Outcome) -> None:
+        """A trial has ended."""
+
+    def retried(self, config: TrialConfig) -> None:
+        """The process of a trial died; the trial starts again."""
+
+
+def processes(initializer: Callable[[], None] | None = None) -> Executor:
+    """Return an executor for one trial at a time in a process of its own, which `initializer` prepares."""
+    # Spawned, not forked: a fork would inherit torch's threads and the parent's random states.
+    return ProcessPoolExecutor(
+        1, multiprocessing.get_context("spawn"), initializer=_begin, initargs=(initializer,)
+    )
+
+
+def run(
+    configs: Sequence[TrialConfig],
+    out: Path,
+    progress: Progress,
+    *,
+    jobs: int = 1,
+    executor: Callable[[], Executor] = processes,
+    submitted: int | None = None,
+) -> list[Outcome]:
+    """Run the trials that are not finished in the folder `out`, in this order, `jobs` at a time.
+
+    A trial that fails does not stop the others. Records are the same for any number of jobs.
+
+    Args:
+        configs: The trials.
+        out: Folder for their records.
+        progress: Who is told.
+        jobs: Trials that run at a time.
+        executor: Makes what a trial runs on.
+        submitted: Trials that are handed over at a time, where `executor` keeps a queue of its own.
+
+    Returns:
+        How each trial ended, those that were finished before, or damaged since, first.
+
+    Raises:
+        ConfigurationError: If `out` cannot be written.
+        KeyboardInterrupt: After the running trials have kept their state.
+    """
+    known = {config.folder_name: _known(config, out) for config in configs}
+    outcomes = [outcome for outcome in known.values() if outcome is not None]
+    damaged = [outcome for outcome in outcomes if outcome.reason is not None]
+    missing = [config for config in configs if known[config.folder_name] is None]
+    # Once, before the workers start: they would all simulate the same frames.
+    for task in dict.fromkeys(config.task for config in missing):
+        runner.prepare_frames(task, progress.frames)
+    n_finished = len(outcomes) - len(damaged)
+    progress.started(len(missing) + len(damaged), n_finished, _expected_seconds(missing, out, jobs))
+    for outcome in damaged:
+        progress.ended(outcome)
+    others = set(multiprocessing.active_children())
+    slots = [executor() for _ in range(min(submitted or jobs, len(missing)))]
+    try:
+        for outcome in _outcomes(missing, out, slots, executor, progress):
+            progress.ended(outcome)
+            outcomes.append(outcome)
+    except BaseException:
+        for process in set(multiprocessing.active_children()) - others:
+            process.terminate()
+        raise
+    finally:
+        for slot in slots:
+            slot.shutdown(cancel_futures=True)
+    return outcomes
+
+
+def _outcomes(
+    configs: Sequence[TrialConfig],
+    out: Path,
+    slots: list[Executor],
+    executor: Callable[[], Executor],
+    progress: Progress,
+) -> Iterator[Outcome]:
+    """Yield how each trial ended, as they end; an executor whose worker died is replaced in `slots`."""
+    queue, free = deque(configs), deque(range(len(slots)))
+    running: dict[Future[str | None], tuple[TrialConfig, int]] = {}
+    ended: SimpleQueue[Future[str | None]] = SimpleQueue()
+    deaths: Counter[str] = Counter()
+    while queue or running:
+        while queue and free:
+            config, slot = queue.popleft(), free.popleft()
+            try:
+                future = slots[slot].submit(work, config, out)
+            except BrokenExecutor:  # it died between two trials
+                slots[slot].shutdown()
+                slots[slot] = executor()
+                future = slots[slot].submit(work, config, out)
+            running[future] = config, slot
+            future.add_done_callback(ended.put)
+        future = ended.get()
+        config, slot = running.pop(future)
+        free.append(slot)
+        try:
+            reason = future.result()
+        except BrokenExecutor:
+            slots[slot].shutdown()
+            slots[slot] = executor()
+            deaths[config.folder_name] += 1
+            if deaths[config.folder_name] <= RETRIES:
+                progress.retried(config)
+                queue.append(config)
+                continue
+            reason = f"its process died {RETRIES + 1} times (killed, or out of memory)"
+        yield Outcome(config, reason)
+
+
+def work(config: TrialConfig, out: Path, **options: Any) -> str | None:
+    """Run one trial on a worker, with `run_trial`'s options; return why it failed, None if it is finished."""
+    try:
+        with _stoppable():
+            runner.run_trial(config, out, **options)
+    except ConfigurationError:
+        raise
+    except Exception as error:
+        return " ".join(str(error).split())
+    return None
+
+
+def _begin(initializer: Callable[[], None] | None) -> None:
+    """Prepare a worker process: one thread, Ctrl-C left to the parent, no life after its death."""
+    os.environ["USBENCH_THREADS"] = "1"
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_follow_parent, daemon=True).start()
+    if initializer is not None:
+        initializer()
+
+
+def _follow_parent() -> NoReturn:
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(1)
+
+
+@contextlib.contextmanager
+def _stoppable() -> Iterator[None]:
+    """Let SIGTERM end the trial of a worker process with its state kept, and the process after it."""
+    if multiprocessing.parent_process() is None or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def stop(*_: Any) -> NoReturn:
+        # A second one must not disturb the writing.
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        raise KeyboardInterrupt
+
+    signal.signal(signal.SIGTERM, stop)
+    try:
+        yield
+    except KeyboardInterrupt:
+        # Not raised: the executor would catch it, and the process would wait for more work.
+        os._exit(130)
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def _known(config: TrialConfig, out: Path) -> Outcome | None:
+    """Return how a trial ended before: finished, or damaged since then; None if it is to be run."""
+    try:
+        return Outcome(config, None) if is_finished(config, out) else None
+    except ValueError as error:
+        return Outcome(config, str(error))
+
+
+def _expected_seconds(missing: Sequence[TrialConfig], out: Path, jobs: int) -> float | None:
+    """Return how long the trials will take, by those of the same algorithms and steps that `out` holds.
+
+    Agents that do not learn take no time to speak of.
+    """
+    seconds: dict[tuple[str, int], list[float]] = {}
+    for folder in records.trial_folders(out):
+        with contextlib.suppress(ValueError):
+            state = records.read_state(folder)
+            if state.get("status") == "finished" and "total_s" in state.get("timings", {}):
+                key = state["config"]["algo"], state["config"]["steps"]
+                seconds.setdefault(key, []).append(state["timings"]["total_s"])
+    keys = [(config.algo, config.steps) for config in missing if config.steps]
+    if not all(key in seconds for key in keys):
+        return None
+    return sum(sum(seconds[key]) / len(seconds[key]) for key in keys) / jobs

@@ -1,0 +1,106 @@
+"""Agents that were trained on one phantom, tested on phantoms that they have never seen."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+import pandas as pd
+import torch
+
+from usbench import records, suite
+from usbench.records import ConfigurationError
+from usbench.results import held_out, tables
+from usbench.trials import runner
+from usbench.trials.evaluation import Evaluator
+from usbench.trials.model_loading import load_agent
+
+
+def write(
+    runs: Path,
+    folder: Path,
+    tell: Callable[[str], None] = lambda _: None,
+    algos: Sequence[str] | None = None,
+) -> Path:
+    """Test the agents of a comparison that have not been tested, and write `held_out.csv`; return its path.
+
+    It is written after every test, so that none is lost.
+
+    Args:
+        runs: Where the comparison's trials are.
+        folder: Where its tables are.
+        tell: Told which trial is tested, and what is left out.
+        algos: The algorithms to test; None for all that are not somebody's own, whose code would run.
+
+    Raises:
+        ConfigurationError: If there is nothing to test, or trials are missing in `runs`.
+        RuntimeError: If a model cannot be opened; the others are tested.
+        FileNotFoundError: If there are no tables.
+        ValueError: If they are broken.
+    """
+    trials = held_out.candidates(tables.read(folder))
+    if trials.empty:
+        tasks = ", ".join(held_out.MANY)
+        raise ConfigurationError(
+            f"{str(folder)!r} tells of no finished trial on {tasks}: run usbench compare."
+        )
+    known = held_out.read(folder)
+    rows = known[known["trial"].isin(trials["trial"])].to_dict("records")
+    missing = _asked(trials, algos, tell)
+    missing = missing[~missing["trial"].isin(known["trial"])]
+    absent = [name for name in missing["trial"] if not (runs / name / records.TRIAL).is_file()]
+    if absent:
+        raise ConfigurationError(
+            f"{len(absent)} of {len(missing)} trials to test are not in {str(runs)!r}, as {absent[0]}: say "
+            "with --out where they are."
+        )
+    torch.set_num_threads(1)  # as in training: the bits do not depend on the machine
+    for task in dict.fromkeys(missing["task"].map(held_out.MANY)):
+        tell(f"frames of {task}")
+        runner.prepare_frames(task)
+    path, failures = _keep(rows, folder), []
+    for number, (name, algo) in enumerate(missing[["trial", "algo"]].itertuples(index=False, name=None), 1):
+        tell(f"trial {number} of {len(missing)}: {name}")
+        try:
+            rows.append(test(runs / name, algo))
+        except ConfigurationError as error:
+            tell(str(error))
+            failures.append(str(error))
+        else:
+            _keep(rows, folder)
+    if failures:
+        raise RuntimeError(f"{len(failures)} of {len(missing)} trials cannot be tested, as {failures[0]}")
+    return path
+
+
+def _keep(rows: list[dict[str, object]], folder: Path) -> Path:
+    return held_out.write(pd.DataFrame(rows, columns=list(held_out.COLUMNS)), folder)
+
+
+def _asked(trials: pd.DataFrame, algos: Sequence[str] | None, tell: Callable[[str], None]) -> pd.DataFrame:
+    """Return the trials of `algos`, or of all whose code is known."""
+    if algos is not None:
+        unknown = sorted({*algos} - {*trials["algo"]})
+        if unknown:
+            raise ConfigurationError(
+                f"there is no finished trial of {unknown[0]!r} on {', '.join(held_out.MANY)}: there are some "
+                f"of {', '.join(sorted(set(trials['algo'])))}."
+            )
+        return trials[trials["algo"].isin(algos)]
+    own = trials["algo"].str.contains(":")
+    if own.any():
+        names = " ".join(sorted(set(trials.loc[own, "algo"])))
+        tell(f"left out, as testing them runs their code: name them with --algos {names}")
+    return trials[~own]
+
+
+def test(trial: Path, algo: str) -> dict[str, object]:
+    """Play the evaluation episodes of the task on many phantoms with a trial's greedy actions."""
+    loaded = load_agent(trial, algo=algo)
+    config = loaded.config
+    task = held_out.MANY[config.task]
+    evaluator = Evaluator(task, config.noise, config.n_frames)
+    played = evaluator.play(loaded.agent, checkpoint=config.steps, step=config.steps, deterministic=True)
+    evaluator.close()
+    anchors = asdict(suite.anchors(task, config.noise))
+    table = pd.DataFrame([episode.as_row() for episode in played])
+    return held_out.summary(trial.name, task, table, random=anchors["random"], optimal=anchors["optimal"])

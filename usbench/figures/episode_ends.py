@@ -1,0 +1,124 @@
+"""In what ways evaluation episodes go wrong, from records alone: the paper's two failure modes and others."""
+
+import json
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from usbench import suite
+from usbench.envs.oracle import PAPER_TARGET
+from usbench.envs.pose import sin_deg
+from usbench.figures import style
+from usbench.results.scores import value_based
+from usbench.results.tables import DRAWN, GREEDY, Results
+
+KINDS = ("success", "beside", "too_deep", "too_shallow", "out_of_plane", "one_turn_off", "long_way")
+# Those that are drawn, and told apart in grey.
+_LOOKS = {
+    "success": {"color": "#ffffff"},
+    "beside": {"color": "#56b4e9"},
+    "too_deep": {"color": "#d55e00", "hatch": "////"},
+    "too_shallow": {"color": "#0072b2"},
+    "out_of_plane": {"color": "#cc79a7", "hatch": "...."},
+    "long_way": {"color": "#000000"},
+}
+_TURN_DEG = 15  # of one action
+
+
+def shares(evaluations: pd.DataFrame) -> pd.DataFrame:
+    """Return how the episodes of each agent end after training, with greedy actions, as shares of all.
+
+    Args:
+        evaluations: As `records.load` returns them.
+
+    Returns:
+        A row per (task, noise, algo), with the columns `seeds`, `success`, `beside` (the final position is
+        not over the object) and, for tasks that move the focus, `too_deep` and `too_shallow` (the final
+        focus), for those that turn the probe, `out_of_plane` (the final angle is not the object's, nor half a
+        turn from it), `one_turn_off` (and one action would have put it in plane) and `long_way` (in plane,
+        but turned there by more than a right angle). An episode may count in several, or be NaN where a task
+        has none.
+    """
+    last = evaluations["checkpoint"] == evaluations.groupby("trial")["checkpoint"].transform("max")
+    rows = evaluations[last & evaluations["deterministic"]].copy()
+    focuses, turns = (rows["task"].map(_moves(name)) for name in ("focal_depth_mm", "angle_deg"))
+    x_mm, depth_mm = (_target(rows, name) for name in ("x_mm", "focal_depth_mm"))
+    in_plane = np.isclose(rows["final_sin_angle"], 0.0)
+    one_off = np.isclose(rows["final_sin_angle"].abs(), sin_deg(_TURN_DEG))
+    turned = (rows["final_angle_deg"] - rows["start_angle_deg"] + 180) % 360 - 180
+    depth = rows["final_focal_depth_mm"]
+    kinds = {
+        "success": rows["is_success"],
+        "beside": rows["final_x_mm"] != x_mm,
+        "too_deep": (depth > depth_mm).where(focuses),
+        "too_shallow": (depth < depth_mm).where(focuses),
+        "out_of_plane": pd.Series(~in_plane, rows.index).where(turns),
+        "one_turn_off": pd.Series(one_off, rows.index).where(turns),
+        "long_way": (in_plane & (turned.abs() > 90)).where(turns),
+    }
+    rows = rows.assign(**{name: kinds[name].astype(float) for name in KINDS})
+    groups = rows.groupby(["task", "noise", "algo"])
+    result = groups[list(KINDS)].mean()
+    result.insert(0, "seeds", groups["seed"].nunique())
+    return result.reset_index()
+
+
+def draw(ends: pd.DataFrame) -> Figure:
+    """Draw what `shares` returns: a panel for each task and noise, a group of bars for each agent."""
+    tasks, noises = sorted(set(ends["task"])), sorted(set(ends["noise"]))
+    figure, axes = style.panels(len(tasks), len(noises), height=2.1, sharex="row", sharey=True)
+    handles = {}
+    for row, task in zip(axes, tasks, strict=True):
+        own = ends[ends["task"] == task]
+        agents = sorted(set(own["algo"]))
+        kinds = [kind for kind in _LOOKS if own[kind].notna().any()]
+        width = 0.85 / len(kinds)
+        for axis, noise in zip(row, noises, strict=True):
+            table = own[own["noise"] == noise].set_index("algo").reindex(agents)
+            for number, kind in enumerate(kinds):
+                at = np.arange(len(agents)) + (number - (len(kinds) - 1) / 2) * width
+                look = {"edgecolor": "black", "linewidth": 0.6} | _LOOKS[kind]
+                handles[kind] = axis.bar(at, table[kind], width, **look)
+            axis.set_xticks(range(len(agents)), agents, fontsize=8)
+            axis.set_title(f"{task}, noise {noise:g}", fontsize=9)
+        row[0].set_ylabel("share of episodes", fontsize=9)
+    names = [kind for kind in _LOOKS if kind in handles]
+    style.legend(figure, [handles[kind] for kind in names], [kind.replace("_", " ") for kind in names])
+    return figure
+
+
+def by_frames(results: Results) -> pd.DataFrame:
+    """Return the final scores of algorithms that were trained on observations of several numbers of frames.
+
+    Returns:
+        A row per (task, noise, algo, n_frames): `seeds`, and the mean normalised score over them with
+        `greedy` and with `drawn` actions (NaN for value-based ones). Algorithms with one number of frames in
+        a cell have none.
+    """
+    n_frames = results.trials["settings"].map(lambda text: json.loads(text)["n_frames"])
+    trials = results.trials.assign(n_frames=n_frames)[results.trials["steps"] > 0]
+    several = trials.groupby(["task", "noise", "algo"])["n_frames"].transform("nunique") > 1
+    keys = ["task", "noise", "algo", "n_frames"]
+    last = results.curves[results.curves["kind"].isin((GREEDY, DRAWN))].groupby(["trial", "kind"]).tail(1)
+    last = last[(last["kind"] == GREEDY) | ~last["trial"].isin(trials["trial"][value_based(trials)])]
+    final = trials.loc[several, ["trial", "seed", *keys]].merge(last, on="trial")
+    table = final.pivot_table(index=keys, columns="kind", values="normalized_score")
+    table = table.reindex(columns=[GREEDY, DRAWN])
+    table.insert(0, "seeds", final.groupby(keys)["seed"].nunique())
+    return table.rename_axis(columns=None).reset_index()
+
+
+def _moves(coordinate: str) -> dict[str, bool]:
+    """Return which tasks have an action that changes `coordinate`, with the object's as the goal."""
+    return {
+        name: any(getattr(action.move, coordinate) for action in row.guidance.actions)
+        and not row.guidance.reward_from_frames
+        for name, row in suite.TASKS.items()
+    }
+
+
+def _target(rows: pd.DataFrame, coordinate: str) -> pd.Series:
+    """Return where the object is in each episode: as recorded, or as in the paper's phantom."""
+    recorded = rows.get(f"target_{coordinate}", pd.Series(np.nan, rows.index))
+    return recorded.astype(float).fillna(getattr(PAPER_TARGET, coordinate))

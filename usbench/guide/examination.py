@@ -1,0 +1,144 @@
+"""An examination: one episode in which a person or an agent moves the probe, and what an agent advises."""
+
+import inspect
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from usbench import suite
+from usbench.envs import oracle
+from usbench.envs.anatomy.tissue import Anatomy
+from usbench.envs.frames import frame_store
+from usbench.envs.pose import Move, whole_number
+from usbench.envs.task import COORDINATES
+from usbench.watch import episode
+from usbench.watch.advice import Advice, Adviser
+
+# Tasks in which the probe is all that moves: the scanner's settings have no keys.
+GUIDED = tuple(name for name, task in suite.TASKS.items() if task.guidance.coordinates == COORDINATES)
+
+
+@dataclass(frozen=True)
+class Opened:
+    """An agent that can be asked, and the number of frames that it looks at."""
+
+    adviser: Adviser
+    n_frames: int = 4
+
+
+class Examination:
+    """One episode, step by step.
+
+    Attributes:
+        task: Name of the task.
+        noise: Probability of a slip after each action.
+        actions: What was done so far.
+        optimum: Return of the best policy that knows the pose, after every number of steps, from the same
+            start and with the same slips.
+        pose: Where the probe is.
+        return_: Sum of rewards so far.
+        slip: What noise did to the probe after the last action, in words; empty if nothing.
+        blocked: Whether the last action would have moved the probe beyond its limits.
+        at_goal: Whether this pose is the goal.
+        advice: What the agent advises now; None without an agent, and at the end.
+    """
+
+    def __init__(
+        self,
+        task: str,
+        noise: float,
+        seed: int,
+        agent: Opened | None = None,
+        anatomy: Anatomy | None = None,
+    ) -> None:
+        """Begin an episode whose start and slips come from `seed`, in the task's phantom or one's own."""
+        self.task, self.noise = task, noise
+        self._anatomy = anatomy
+        self.guidance = suite.TASKS[task].guidance
+        self.actions: list[int] = []
+        self._seed = seed
+        self.optimum = episode.optimum(task, noise, seed, anatomy=anatomy)
+        self.ask(agent)
+
+    @property
+    def n_steps(self) -> int:
+        """Length of the episode."""
+        return self.guidance.n_steps
+
+    @property
+    def over(self) -> bool:
+        """Whether all steps are made, or the agent or the person has stopped."""
+        return self._stopped or len(self.actions) == self.n_steps
+
+    @property
+    def frame(self) -> npt.NDArray[np.uint8]:
+        """The B-mode frame from here, (height_px, width_px) uint8."""
+        plain: Any = self._env.unwrapped
+        return frame_store(plain.phantom, plain.probe, plain.imaging).frame(self.pose)
+
+    @property
+    def phantom(self) -> Any:
+        """What is examined."""
+        return self._env.unwrapped.phantom  # type: ignore[attr-defined]
+
+    @property
+    def goal(self) -> str:
+        """What is to be done, in a sentence."""
+        return (inspect.getdoc(type(self._env.unwrapped)) or "").partition("\n")[0]
+
+    def score(self, return_: float) -> float:
+        """Return the normalised score of an episode's return: 0 is a random hand, 1 the mean optimum."""
+        anchors = oracle.returns(self.task, self.noise, target=self.phantom.target)
+        return (return_ - anchors.random) / (anchors.optimal - anchors.random)
+
+    def ask(self, agent: Opened | None) -> None:
+        """Let another agent advise, or none; it is shown the episode from its start."""
+        done, self.actions = self.actions, []
+        self._adviser = agent.adviser if agent else None
+        n_frames = agent.n_frames if agent else 1
+        self._env = suite.make_env(self.task, self.noise, n_frames=n_frames, anatomy=self._anatomy)
+        self.return_, self.slip, self.blocked, self._stopped = 0.0, "", False, False
+        if self._adviser is not None:
+            self._adviser.begin()
+        self._look(*self._env.reset(seed=self._seed))
+        for action in done:
+            self.act(action)
+
+    def act(self, action: Any) -> None:
+        """Take one action.
+
+        Raises:
+            TypeError: If `action` is not a number.
+            ValueError: If it is not an action of the task, or the episode is over.
+        """
+        action = whole_number("action", action)
+        if not 0 <= action < len(self.guidance.actions):
+            raise ValueError(f"action must be from 0 to {len(self.guidance.actions) - 1}, not {action}.")
+        if self.over:
+            raise ValueError(f"the episode is over after {len(self.actions)} steps: begin a new one.")
+        move = self.guidance.actions[action].move
+        self.blocked = move != Move() and self.pose.moved(move, self.guidance.limits) == self.pose
+        observation, reward, self._stopped, _, info = self._env.step(action)
+        self.actions.append(action)
+        self.return_ += float(reward)
+        self._look(observation, info)
+
+    def follow(self) -> None:
+        """Take the action that the agent advises.
+
+        Raises:
+            ValueError: If none is advised.
+        """
+        if self.advice is None and not self.over:
+            raise ValueError("nothing is advised: choose an agent that fits the task.")
+        self.act(self.advice.best if self.advice else 0)
+
+    def _look(self, observation: Any, info: dict[str, Any]) -> None:
+        self.pose = self.guidance.pose(info)
+        self.at_goal = bool(info["is_success"])
+        self.slip = episode.slip(info["noise"])
+        self.advice: Advice | None = None
+        if self._adviser is not None and not self.over:
+            self.advice = self._adviser.advise(observation, info, len(self.actions))

@@ -1,0 +1,80 @@
+"""An examination as plain data and sentences, as the page shows it."""
+
+import base64
+from dataclasses import asdict
+from typing import Any
+
+from usbench.envs import scene_picture
+from usbench.envs.anatomy.tissue import Anatomy
+from usbench.guide.controls import controls
+from usbench.guide.examination import Examination
+from usbench.watch.film import fixed
+
+
+def seen(examination: Examination, *, hidden: bool) -> dict[str, Any]:
+    """Return the episode; while the object is hidden, nothing that tells where it is before the end."""
+    tells = examination.over or not hidden
+    phantom, frame = examination.phantom, examination.frame
+    own = isinstance(phantom, Anatomy)
+    balls: Any = () if hidden or own else phantom.object_of_interest.balls
+    return {
+        "controls": [asdict(control) for control in controls(examination.guidance)],
+        "step": len(examination.actions),
+        "n_steps": examination.n_steps,
+        "over": examination.over,
+        "pose": asdict(examination.pose),
+        "frame": base64.b64encode(frame.tobytes()).decode(),
+        "shape": frame.shape,
+        "phantom": {name: getattr(phantom, name) for name in ("width_mm", "height_mm", "depth_mm")},
+        "balls": [[*ball.center_mm, ball.radius_mm] for ball in balls],
+        "target": asdict(phantom.target) if own and not hidden else None,
+        "probe": {
+            "width": scene_picture.PROBE_MM,
+            "slab": scene_picture.SLAB_MM,
+            "aperture": scene_picture.APERTURE_MM,
+        },
+        "happened": happened(examination),
+        "at_goal": examination.at_goal if tells else None,
+        "return": fixed(examination.return_) if tells else None,
+        "optimum": fixed(examination.optimum[len(examination.actions)]) if tells else None,
+        "verdict": verdict(examination),
+    }
+
+
+def happened(examination: Examination) -> str:
+    """Return the last action and its slip in words."""
+    if not examination.actions:
+        return "The probe is at its start."
+    name = examination.guidance.actions[examination.actions[-1]].name
+    blocked = ": not possible, the probe is at its limit" if examination.blocked else ""
+    slip = f"; then the probe slipped, {examination.slip}" if examination.slip else ""
+    return f"{name.capitalize()}{blocked}{slip}."
+
+
+def verdict(examination: Examination) -> str:
+    """Return how an episode ended; empty before."""
+    if not examination.over:
+        return ""
+    ours, best = (examination.score(value) for value in (examination.return_, examination.optimum[-1]))
+    return (
+        f"{'Success: the probe is' if examination.at_goal else 'No success: the probe is not'} at the goal. "
+        f"Score {fixed(ours)}, optimum {fixed(best)}."
+    )
+
+
+def advice(examination: Examination) -> dict[str, Any] | None:
+    """Return the advice in words, with the weight of every action as text and as the length of a bar."""
+    asked = examination.advice
+    if asked is None:
+        return None
+    is_value = asked.kind == "value"
+    low, high = (min(asked.weights), max(asked.weights)) if is_value else (0.0, 1.0)
+    advised = controls(examination.guidance)[asked.best]
+    return {
+        "action": asked.best,
+        "words": advised.advice,
+        "icon": advised.icon,
+        "kind": asked.kind,
+        "texts": [fixed(weight) if is_value else f"{100 * weight:.0f} %" for weight in asked.weights],
+        "bars": [(weight - low) / ((high - low) or 1.0) for weight in asked.weights],
+    }

@@ -1,0 +1,59 @@
+"""The configuration of a trial, which gives it its name: equal configurations give equal bits."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+# In the configuration of an environment: the file of a custom anatomy. The phantom tells its content.
+VOLUME = "volume"
+
+
+class ConfigurationError(ValueError):
+    """A setting that cannot be used; the message is one sentence for the user."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrialConfig:
+    """The resolved configuration of one trial; equal configurations give equal bits.
+
+    Attributes:
+        task: Name of the task in the suite.
+        algo: Name of the algorithm in the zoo.
+        noise: Probability p_n of a displacement after a step.
+        seed: Trial seed, from which every random stream is spawned.
+        steps: Training budget in environment steps, kept exactly (0 for agents that do not learn).
+        n_frames: Frames in one observation.
+        hyperparameters: Every hyperparameter of the algorithm, after defaults, presets and overrides.
+        environment: The environment's own configuration (id, phantom, probe, imaging), as plain values.
+    """
+
+    task: str
+    algo: str
+    noise: float
+    seed: int
+    steps: int
+    n_frames: int = 4
+    hyperparameters: Mapping[str, Any] = field(default_factory=dict)
+    environment: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def hash(self) -> str:
+        """Eight hexadecimal digits that change with any part of the configuration but a file's place."""
+        canonical = json.dumps(identity(asdict(self)), sort_keys=True, separators=(",", ":"), default=str)
+        return hashlib.sha256(canonical.encode()).hexdigest()[:8]
+
+    @property
+    def folder_name(self) -> str:
+        """`<task>-p<noise>-<algo>-s<seed>-<hash>`."""
+        algo = self.algo.replace(":", ".")  # no colon in a name on Windows
+        return f"{self.task}-p{self.noise:g}-{algo}-s{self.seed}-{self.hash}"
+
+
+def identity(config: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return a configuration without the place of the phantom's file, which may be moved."""
+    environment = config.get("environment", {})
+    if VOLUME not in environment:
+        return config
+    return {**config, "environment": {key: value for key, value in environment.items() if key != VOLUME}}

@@ -1,0 +1,236 @@
+"""One trial for each agent and task, to be looked at: its replay, and what it does in every pose."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image, ImageDraw, ImageFont
+
+from usbench import records, suite
+from usbench.envs import scene_picture
+from usbench.envs.pose import Pose
+from usbench.figures import state_map
+from usbench.records import ConfigurationError
+from usbench.report import pictures
+from usbench.report import poses as report_poses
+from usbench.report.pictures import Picture
+from usbench.report.poses import Poses
+from usbench.report.tables import Table, percent
+from usbench.results import scores
+from usbench.results.scores import SCORED
+from usbench.results.tables import Results
+from usbench.trials import anatomy_record
+from usbench.watch import film, replay
+from usbench.watch.replay import Moment
+
+OWN_ANATOMY = "There is no map of actions: it would be that of the paper's phantom, and this is another."
+# Pixels.
+REPLAY_WIDTH, FOOTER, MARGIN, TEXT_SIZE, LINE = 560, 36, 12, 15, 20
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A trial that stands for an agent on a task.
+
+    Attributes:
+        agent: The algorithm, and its configuration where there are several.
+        task: Name of the task.
+        noise: The lowest with a finished trial of this agent.
+        trial: Name of the folder: of the trials with this noise, the one with the median score.
+        score: Its own.
+        trials: All finished ones of the agent with this task and noise.
+        learns: Whether the agent learns.
+        frames: Digest of the frames that it saw.
+    """
+
+    agent: str
+    task: str
+    noise: float
+    trial: str
+    score: float
+    trials: tuple[str, ...]
+    learns: bool
+    frames: str
+
+
+@dataclass(frozen=True)
+class Replay:
+    """A typical episode: moving, still (its end), in words, and its return beside the optimum's."""
+
+    film: Picture
+    still: Picture
+    words: str
+    total: str
+    optimum: str
+
+
+@dataclass(frozen=True)
+class Card:
+    """What there is to see of an agent on a task.
+
+    Attributes:
+        shown: The trial.
+        replay: A typical episode.
+        map: Its actions in every pose, None if there are none.
+        silence: Why there is no map.
+        accuracy: How good the actions are, over all trials, as a row of `accuracy_table`.
+    """
+
+    shown: Shown
+    replay: Replay
+    map: Picture | None = None
+    silence: str = ""
+    accuracy: tuple[str, ...] = ()
+
+
+def shown(known: Results) -> list[Shown]:
+    """Return a trial for each task and agent: tasks in order, agents that learn first, best first."""
+    last = known.curves[known.curves["kind"] == SCORED].groupby("trial").tail(1)
+    table = scores.agents(known.trials).merge(last[["trial", "normalized_score"]], on="trial")
+    chosen = []
+    for (task, agent), own in table.groupby(["task", "agent"]):
+        noise = own["noise"].min()
+        rows = own[own["noise"] == noise].sort_values(["normalized_score", "seed"], ignore_index=True)
+        median = rows.iloc[(len(rows) - 1) // 2]
+        chosen.append(
+            Shown(
+                str(agent),
+                str(task),
+                float(noise),
+                str(median["trial"]),
+                float(median["normalized_score"]),
+                tuple(sorted(rows["trial"])),
+                bool(median["steps"] > 0),
+                str(median["frames"]),
+            )
+        )
+    return sorted(chosen, key=lambda one: (one.task, not one.learns, -one.score, one.agent))
+
+
+def in_own_anatomy(folder: Path) -> bool:
+    """Return whether a trial was made in an anatomy of somebody's own."""
+    return records.VOLUME in records.read_state(folder)["config"]["environment"]
+
+
+def card(runs: Path, one: Shown, poses: Poses | None) -> Card:
+    """Return what there is to see of an agent; its trials are folders in `runs`; no map without `poses`."""
+    found = Card(one, play(runs / one.trial, one))
+    if not one.learns:
+        return found
+    if poses is None:
+        return replace(found, silence=report_poses.silence(one.task))
+    if in_own_anatomy(runs / one.trial):
+        return replace(found, silence=OWN_ANATOMY)
+    missing = [trial for trial in one.trials if not (runs / trial / records.MODEL).is_file()]
+    if missing:
+        return replace(found, silence=f"{missing[0]} has no weights ({records.MODEL}).")
+    from usbench.report import policy_map  # opens agents, which takes torch
+
+    try:
+        actions = {trial: policy_map.greedy_actions(runs / trial) for trial in one.trials}
+    except ConfigurationError as error:
+        # Not where this reader keeps the trials.
+        return replace(found, silence=str(error).replace(f"{runs}/", ""))
+    drawn = policy_map.draw(poses.task, one.noise, actions[one.trial])
+    best = {trial: policy_map.is_best(poses.task, one.noise, own) for trial, own in actions.items()}
+    costs = policy_map.costs(poses.task, one.noise)
+    lost = [costs[np.arange(len(own)), own] for own in actions.values()]
+    return replace(
+        found,
+        map=pictures.from_figure(drawn),
+        accuracy=_accuracy(one, poses, np.mean(list(best.values()), axis=0), np.mean(lost, axis=0)),
+    )
+
+
+def accuracy_table(cards: Sequence[Card], titles: Mapping[str, str], alike: float) -> Table | None:
+    """Return how good the actions of all agents are, None without any."""
+    rows = [card.accuracy for card in cards if card.accuracy]
+    if not rows:
+        return None
+    return Table(
+        "Poses in which the greedy action is as good as the best (%, mean over seeds), and the return that "
+        f"it costs; look-alikes correlate by more than {alike:g} with a frame that needs another action",
+        [
+            "agent", "task", "noise", "seeds", "all poses (%)", "where episodes start (%)", "look-alikes (%)",
+            "other poses (%)", "cost, all poses (return)", "cost, starts (return)",
+        ],
+        [(row[0], titles[row[1]], *row[2:]) for row in rows],
+        2,
+    )  # fmt: skip
+
+
+def _accuracy(
+    one: Shown, poses: Poses, best: npt.NDArray[np.float64], lost: npt.NDArray[np.float64]
+) -> tuple[str, ...]:
+    starts = [poses.task.indices[pose] for pose in poses.task.starts]
+    every = np.full(len(best), True)
+    return (
+        one.agent,
+        one.task,
+        f"{one.noise:g}",
+        str(len(one.trials)),
+        *(percent(_mean(best[where])) for where in (every, starts, poses.alike, ~poses.alike)),
+        *(film.fixed(_mean(lost[where])) for where in (every, starts)),
+    )
+
+
+def _mean(values: npt.NDArray[np.float64]) -> float:
+    return float(values.mean()) if len(values) else float("nan")
+
+
+def play(folder: Path, one: Shown) -> Replay:
+    """Return the episode of median return of the trial's last evaluation, with greedy actions."""
+    record = replay.typical_episode(folder, deterministic=True)
+    config = records.read_state(folder)["config"]
+    moments = list(
+        replay.play(
+            one.task,
+            one.noise,
+            int(record["eval_episode"]),
+            record["actions"],
+            n_frames=config["n_frames"],
+            anatomy=anatomy_record.recorded(config["environment"]),
+        )
+    )
+    moving, still = pictures.from_pages([_page(moment, len(moments) - 1) for moment in moments])
+    end = moments[-1]
+    return Replay(moving, still, _words(one, moments), film.fixed(end.return_), film.fixed(end.optimum))
+
+
+def _page(moment: Moment, steps: int) -> Image.Image:
+    """Return a small picture with two lines below it: `film.page` has four, and text takes most of a film."""
+    picture = Image.fromarray(moment.picture)
+    size = REPLAY_WIDTH, round(picture.height * REPLAY_WIDTH / picture.width)
+    page = Image.new("RGB", (REPLAY_WIDTH, size[1] + FOOTER), scene_picture.BACKGROUND)
+    page.paste(picture.resize(size, Image.Resampling.LANCZOS), (0, 0))
+    words = [
+        f"{moment.step}/{steps} {moment.action}{f', slipped {moment.slip}' if moment.slip else ''}",
+        f"return {film.fixed(moment.return_)}    optimum {film.fixed(moment.optimum)}",
+    ]
+    font = ImageFont.load_default(size=TEXT_SIZE)
+    for number, line in enumerate(words):
+        place = MARGIN, size[1] - MARGIN + LINE * number
+        ImageDraw.Draw(page).text(place, line, fill=scene_picture.TEXT, font=font)
+    page.info["duration"] = film.LAST_STEP_MS if moment.step == steps else film.STEP_MS
+    return page
+
+
+def _words(one: Shown, moments: Sequence[Moment]) -> str:
+    """Return an episode in words, for those who do not see the pictures."""
+    task = suite.TASKS[one.task].guidance
+    counts = [(name, len(list(same))) for name, same in groupby(moment.action for moment in moments[1:])]
+    actions = ", ".join(name if count == 1 else f"{name} {count} times" for name, count in counts)
+    slips = sum(bool(moment.slip) for moment in moments)
+    slipped = f", and slips {'once' if slips == 1 else f'{slips} times'}" if slips else ""
+    goal = "the goal" if moments[-1].is_success else "not the goal"
+
+    def place(pose: Pose) -> str:
+        return state_map.name(task, task.indices[pose])
+
+    return (
+        f"{one.agent} starts at {place(moments[0].pose)}, goes {actions}{slipped}, and ends at "
+        f"{place(moments[-1].pose)}, {goal}."
+    )

@@ -1,0 +1,122 @@
+"""Trials in, one page out: a file that works offline and has the same bytes from the same records."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jinja2
+
+from usbench import records, suite
+from usbench.atomic import atomic_file
+from usbench.figures import learning_curve, style
+from usbench.records import ConfigurationError
+from usbench.report import agents, pictures, tables, text
+from usbench.report import poses as report_poses
+from usbench.results import leaderboard, scores, verdict
+from usbench.results.tables import Results
+
+Tell = Callable[[str], None]
+ENDINGS = (".html",)
+
+
+def check(runs: Path, out: Path) -> Path:
+    """Return where the page goes, if trials can be read and a page written there.
+
+    Raises:
+        ConfigurationError: If not; one sentence says why.
+    """
+    if not runs.is_dir():
+        raise ConfigurationError(f"there is no folder {str(runs)!r} with trials.")
+    if not records.trial_folders(runs):
+        raise ConfigurationError(f"{str(runs)!r} holds no trials: usbench run or compare makes them.")
+    return style.check_file(out, ENDINGS)
+
+
+def write(runs: Path, out: Path, tell: Tell = lambda _: None) -> Path:
+    """Write the page of all trials in `runs`, a folder of them or a trial itself, and return its path.
+
+    Args:
+        runs: Where the trials are.
+        out: An `.html` file.
+        tell: Told what is being made, since the pictures take minutes where agents are many.
+
+    Raises:
+        ConfigurationError: If there are no trials, a record is broken or nothing can be written.
+    """
+    out = check(runs, out)
+    tell("reading the records")
+    known = learning_curve.gather([runs])
+    if known.trials.empty:
+        raise ConfigurationError(f"no trial in {str(runs)!r} has begun.")
+    if (runs / records.TRIAL).is_file():
+        runs = runs.resolve().parent
+    tell("drawing the comparison")
+    content = _comparison(known) | _recorded(runs, known) | _seen(runs, known, tell)
+    with atomic_file(out) as file:
+        file.write(_page(content).encode())
+    return out
+
+
+def _page(content: dict[str, Any]) -> str:
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("usbench.report"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template("report.html").render(content)
+
+
+def _comparison(known: Results) -> dict[str, Any]:
+    """Return what follows from the results alone."""
+    cells = sorted(set(known.trials[scores.CELL].itertuples(index=False, name=None)))
+    return {
+        "answer": text.inline(verdict.text(known)),
+        "reading": leaderboard.READING,
+        "n_trials": len(known.trials),
+        "n_finished": int((known.trials["status"] == "finished").sum()),
+        "sections": text.sections(known),
+        "cells": [
+            (scores.cell_name(task, noise), f"{suite.TASKS[task].guidance.title}, noise {noise:g}")
+            for task, noise in cells
+        ],
+        "figures": pictures.comparison(known),
+    }
+
+
+def _recorded(runs: Path, known: Results) -> dict[str, Any]:
+    """Return the tables that need more than the results."""
+    return {
+        "endings": tables.endings(runs, known),
+        "settings": tables.settings(known),
+        "environments": tables.environments(runs, known),
+        "trials": tables.trials(known),
+    }
+
+
+def _seen(runs: Path, known: Results, tell: Tell) -> dict[str, Any]:
+    """Return what is looked at, agent by agent, and what agents see."""
+    chosen = agents.shown(known)
+    tell("looking at the frames")
+    tasks = sorted({one.task for one in chosen})
+    poses = {task: report_poses.look(task) for task in tasks if not report_poses.silence(task)}
+    cards = []
+    for number, one in enumerate(chosen, 1):
+        tell(f"agent {number} of {len(chosen)}: {one.agent} on {one.task}")
+        cards.append(agents.card(runs, one, poses.get(one.task)))
+    titles = {task: suite.TASKS[task].guidance.title for task in tasks}
+    return {
+        "titles": titles,
+        "cards": cards,
+        "accuracy": agents.accuracy_table(cards, titles, report_poses.ALIKE),
+        "other_frames": [
+            one.trial
+            for one in chosen
+            if one.task in poses
+            and not poses[one.task].digest.startswith(one.frames)
+            and not agents.in_own_anatomy(runs / one.trial)
+        ],
+        "overview": report_poses.overview(poses) if poses else None,
+        "pairs": {task: report_poses.pairs(own) for task, own in poses.items()},
+    }

@@ -1,0 +1,129 @@
+"""Tables of the page beside the leaderboard's: how episodes end, what was set, what became of every trial."""
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from usbench import records, suite
+from usbench.figures import episode_ends
+from usbench.results import scores
+from usbench.results.scores import SCORED
+from usbench.results.tables import Results
+
+DASH = "–"
+# Column of `failures.shares` and what it means.
+ENDINGS = {
+    "success": "at the goal",
+    "beside": "beside the object",
+    "too_deep": "focus too deep",
+    "too_shallow": "focus too shallow",
+    "out_of_plane": "out of the object's plane",
+    "long_way": "in plane, by the long way",
+}
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table: `words` says how many of its first columns are not numbers."""
+
+    caption: str
+    head: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    words: int = 1
+
+
+def endings(runs: Path, known: Results) -> list[Table]:
+    """Return how the episodes of finished trials end, a table for each task."""
+    finished = known.trials.loc[known.trials["status"] == "finished", "trial"]
+    if finished.empty:
+        return []
+    ends = pd.concat([_last(records.load(runs / trial)) for trial in finished])
+    agents = scores.agents(known.trials).set_index("trial")["agent"]
+    shares = episode_ends.shares(ends.assign(algo=ends["trial"].map(agents)))
+    tables = []
+    for task, rows in shares.groupby("task"):
+        kinds = [kind for kind in ENDINGS if rows[kind].notna().any()]
+        tables.append(
+            Table(
+                f"{suite.TASKS[task].guidance.title}: how episodes end (% of episodes; one may be in several "
+                "columns)",
+                ["agent", "noise", "seeds", *(ENDINGS[kind] for kind in kinds)],
+                [
+                    [row["algo"], f"{row['noise']:g}", str(row["seeds"]), *(percent(row[k]) for k in kinds)]
+                    for row in rows.to_dict("records")
+                ],
+            )
+        )
+    return tables
+
+
+def _last(evaluations: pd.DataFrame) -> pd.DataFrame:
+    at_end = evaluations["checkpoint"] == evaluations["checkpoint"].max()
+    return evaluations[at_end & evaluations["deterministic"]]
+
+
+def settings(known: Results) -> Table:
+    """Return the hyperparameters of every agent that learns."""
+    learning = scores.agents(known.trials[known.trials["steps"] > 0])
+    rows = [
+        [agent, ", ".join(sorted(set(own["task"]))), str(steps), _words(json.loads(text))]
+        for (agent, steps, text), own in learning.groupby(["agent", "steps", "settings"])
+    ]
+    return Table(
+        "Agents: training steps and hyperparameters", ["agent", "task", "steps", "settings"], rows, 4
+    )
+
+
+def environments(runs: Path, known: Results) -> list[Table]:
+    """Return phantom, probe and imaging, a table for each configuration of the environment."""
+    tables = []
+    for (task, _), own in known.trials.groupby(["task", scores.environments(known.trials)]):
+        state = records.read_state(runs / own["trial"].iloc[0])
+        values = state.get("config", {}).get("environment", {})
+        title = f"{suite.TASKS[str(task)].guidance.title}: environment (SI units where a name says no other)"
+        rows = [[name, _value(value)] for name, value in _flat(values)]
+        tables.append(Table(title, ["setting", "value"], rows, 2))
+    return tables
+
+
+def trials(known: Results) -> Table:
+    """Return what became of every trial."""
+    last = known.curves[known.curves["kind"] == SCORED].groupby("trial").tail(1)
+    final = dict(zip(last["trial"], last["normalized_score"], strict=True))
+    rows = [
+        [
+            row["trial"],
+            row["status"] + (f": {' '.join(row['reason'].split())}" if row["reason"] else ""),
+            row["frames"] or DASH,
+            f"{final[row['trial']]:.3f}" if row["trial"] in final else DASH,
+            DASH if pd.isna(row["training_s"]) else f"{row['training_s'] / 60:.1f}",
+        ]
+        for row in known.trials.to_dict("records")
+    ]
+    head = ["trial", "status", "frames (digest)", "score", "training (min)"]
+    return Table("Every trial: greedy score after the last step, time", head, rows, 3)
+
+
+def percent(share: float) -> str:
+    """Return a share as a whole percentage, a dash where there is none."""
+    return DASH if pd.isna(share) else f"{100 * share:.0f}"
+
+
+def _words(values: Mapping[str, Any]) -> str:
+    return ", ".join(f"{key} {_value(value)}" for key, value in values.items() if key != "environment")
+
+
+def _value(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _flat(values: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{above}{key} ")
+        else:
+            yield f"{above}{key}", value

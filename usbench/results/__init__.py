@@ -1,0 +1,1 @@
+"""Records in, tables out: fast, pure and reproducible; nothing here imports torch."""

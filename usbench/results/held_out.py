@@ -1,0 +1,98 @@
+"""The track of phantoms never seen: agents trained on one phantom and on many, and the gap between them."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from usbench import records
+from usbench.atomic import atomic_file
+from usbench.results import scores
+from usbench.results.scores import SCORED
+from usbench.results.tables import DECIMALS, Results
+from usbench.tasks import ROWS
+
+TABLE = "held_out.csv"
+# Of a trial on one phantom: the task on many, and means over its evaluation episodes, greedy actions.
+COLUMNS = ("trial", "task", "episodes", "normalized_score", "return", "success_rate")
+KEYS = ["noise", "task", "agent"]
+# The task with new phantoms in every episode, by the same task on one.
+MANY = {row.single: name for name, row in ROWS.items() if row.single}
+
+
+def read(folder: Path) -> pd.DataFrame:
+    """Read what `write` wrote; no rows where there is no such file.
+
+    Raises:
+        ValueError: If the file holds something else.
+    """
+    path = folder / TABLE
+    if not path.exists():
+        return pd.DataFrame(columns=list(COLUMNS))
+    try:
+        table = pd.read_csv(path)[list(COLUMNS)]
+        return table.astype({"episodes": int, **dict.fromkeys(COLUMNS[3:], float)})
+    except (KeyError, ValueError) as error:
+        raise ValueError(f"{path} is not a table of tests: {' '.join(str(error).split())}") from error
+
+
+def write(tested: pd.DataFrame, folder: Path) -> Path:
+    """Write the tests into `folder` and return the path."""
+    path = folder / TABLE
+    text = tested.sort_values("trial").round(DECIMALS).to_csv(index=False, lineterminator="\n")
+    with atomic_file(path) as file:
+        file.write(text.encode())
+    return path
+
+
+def candidates(known: Results) -> pd.DataFrame:
+    """Return the finished trials on one phantom that have a counterpart with many."""
+    trials = known.trials
+    return trials[(trials["status"] == "finished") & trials["task"].isin(MANY) & (trials["steps"] > 0)]
+
+
+def table(known: Results, tested: pd.DataFrame) -> pd.DataFrame:
+    """Return a row per noise, task (on many phantoms) and agent: a configuration where a cell has several.
+
+    Columns: `seen`, `one` and `many`, each with `_low`, `_high` (95 % interval) and `_seeds`: the score of
+    agents trained on one phantom, there and on those never seen, and of agents trained on many, on the same;
+    and `gap`, `many` less `one`. NaN where nothing was tested.
+    """
+    last = known.curves[known.curves["kind"] == SCORED].groupby("trial").tail(1)
+    own = scores.agents(known.trials[known.trials["steps"] > 0])
+    own = own.merge(last[["trial", "normalized_score"]], on="trial")
+    elsewhere = own.drop(columns=["task", "normalized_score"]).merge(tested, on="trial")
+    parts = {
+        "seen": own[own["trial"].isin(elsewhere["trial"])].assign(task=lambda rows: rows["task"].map(MANY)),
+        "one": elsewhere,
+        "many": own[own["task"].isin(MANY.values())],
+    }
+    return pd.DataFrame(_rows(parts), columns=[*KEYS, *_columns(parts), "gap"])
+
+
+def _columns(parts: dict[str, pd.DataFrame]) -> list[str]:
+    return [f"{part}{kind}" for part in parts for kind in ("", "_low", "_high", "_seeds")]
+
+
+def _rows(parts: dict[str, pd.DataFrame]) -> Iterator[dict[str, object]]:
+    # What was trained on many phantoms alone, or never tested, is in the other tables.
+    for key in sorted(set(parts["one"][KEYS].itertuples(index=False, name=None))):
+        row: dict[str, object] = dict(zip(KEYS, key, strict=True))
+        for part, rows in parts.items():
+            matrix = rows[rows[KEYS].eq(pd.Series(key, index=KEYS)).all(axis=1)][
+                ["normalized_score"]
+            ].to_numpy(np.float64)
+            score, low, high = scores.score_of(matrix).values() if len(matrix) else (np.nan,) * 3
+            row |= {part: score, f"{part}_low": low, f"{part}_high": high, f"{part}_seeds": len(matrix)}
+        yield row | {"gap": row["many"] - row["one"]}  # type: ignore[operator]
+
+
+def summary(
+    trial: str, task: str, evaluations: pd.DataFrame, *, random: float, optimal: float
+) -> dict[str, object]:
+    """Return the row of a trial from the evaluation episodes that it played on `task`."""
+    means = records.means(evaluations)
+    score = (means["return"] - random) / (optimal - random)
+    row = {"trial": trial, "task": task, "episodes": len(evaluations), "normalized_score": score, **means}
+    return {name: row[name] for name in COLUMNS}

@@ -1,0 +1,217 @@
+"""Results in, `leaderboard.md` and `scores.csv` out: same results, same bytes."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from usbench.atomic import atomic_file
+from usbench.results import held_out, provenance, scores, stats, tables, verdict
+from usbench.results.scores import CELL, ROW, SCORED, cell_name
+from usbench.results.tables import DRAWN, Results
+from usbench.tasks import ROWS
+
+SCORES = "scores.csv"
+DASH = "–"
+# Title, column of `scores.cells`, factor, digits.
+COLUMNS = (
+    ("return", "return", 1, 2),
+    ("final distance (mm)", "final_distance_mm", 1, 1),
+    ("plane error (deg)", "plane_error_deg", 1, 1),
+    ("success (%)", "success_rate", 100, 0),
+    ("steps to goal", "steps_to_goal", 1, 1),
+    ("area under curve", "area_under_curve", 1, 3),
+)
+
+READING = """\
+The normalised score is (return - random) / (optimal - random), with exact anchors: 0 is a random hand, 1
+the optimum. It is the interquartile mean (IQM) over seeds after the last training step, with the 95 %
+stratified bootstrap interval; such intervals are too narrow with fewer than ten seeds. All agents meet the
+same evaluation episodes with the same draws of noise, and the intervals are for these: the optimum is that
+of all draws, and the row of the oracle says what it reaches in them. Every agent takes its most probable
+action ("greedy"): value-based agents have no other policy of their own, and advice should be the best there
+is. The score with drawn actions stands beside it, where there are probabilities to draw with. Other columns
+are means over seeds and evaluation episodes, so that a single collapsed seed shows there rather than in
+the score. The plane error is counted modulo 180 degrees; success means that the last pose is the goal (in
+`setup`, that the cyst's contrast-to-noise ratio is at least 2); an episode that never reaches the goal counts
+with all the steps it could have had in "steps to goal". The area under the learning curve is the mean score
+over training, by the trapezoid rule. A dash stands where a column says nothing about a task."""
+
+
+def files(path: Path) -> Path:
+    """Return the folder of the tables and figures that belong to the leaderboard `path`."""
+    return path.with_name(f"{path.stem}_files")
+
+
+def write(folder: Path, path: Path) -> list[Path]:
+    """Write the leaderboard of the results in `folder` to `path`, and `scores.csv` beside it.
+
+    Raises:
+        FileNotFoundError: If `folder` holds no results.
+        ValueError: If they are broken.
+    """
+    known = tables.read(folder)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    table = scores.cells(known).round(tables.DECIMALS).to_csv(index=False, lineterminator="\n")
+    written = {path: markdown(known, held_out.read(folder)), path.with_name(SCORES): table}
+    for name, text in written.items():
+        with atomic_file(name) as file:
+            file.write(text.encode())
+    return list(written)
+
+
+def markdown(known: Results, tested: pd.DataFrame | None = None) -> str:
+    """Return the leaderboard as Markdown; `tested` is what `held_out.read` returns."""
+    parts, notes = ["# Leaderboard", verdict.text(known), READING], []
+    for name, own in scores.parts(known).items():
+        matrices, reasons = scores.matrices(own)
+        learners = scores.learners(own)
+        if matrices:
+            parts += [f"## {name[0].upper()}{name[1:]} together", _overall(own.trials, matrices)]
+        if len(learners) > 1:
+            where = "" if name == scores.ALL else f": {name}"
+            parts += [f"## Probability of improvement{where}", _improvement(learners)]
+        notes += [f"`{algo}` is not in the table of {name}: {why}." for algo, why in sorted(reasons.items())]
+    for (task, noise), rows in scores.cells(known).groupby(CELL):
+        anchors = known.trials[(known.trials["task"] == task) & (known.trials["noise"] == noise)]
+        parts += [f"## {cell_name(task, noise)}", _anchors(anchors), _cell(rows)]
+    unseen = pd.DataFrame() if tested is None else held_out.table(known, tested)
+    if not unseen.empty:
+        parts += ["## Phantoms never seen", _unseen(unseen)]
+    parts += ["## How this was made", provenance.making(known.trials)]
+    notes += provenance.notes(known.trials)
+    if notes:
+        parts += ["## Notes", "\n".join(f"* {note}" for note in notes)]
+    return "\n\n".join(parts) + "\n"
+
+
+def _overall(trials: pd.DataFrame, matrices: Mapping[str, stats.Array]) -> str:
+    """Return the table of all cells together: those that learn first, then floor and ceiling, best first."""
+    table = scores.overall(matrices)
+    fixed = table["algo"].map(trials.groupby("algo")["steps"].max()) == 0
+    asked = np.where(fixed, table["seeds"], scores.seeds_asked(trials))
+    table = table.assign(fixed=fixed, asked=asked).sort_values("fixed", kind="stable")
+    rows = [
+        [
+            _agent(row.algo, not row.fixed),
+            f"{row.seeds}/{row.asked}",
+            _interval(row.score, row.score_low, row.score_high),
+            *(_number(value, 3) for value in (row.median, row.mean, row.optimality_gap)),
+        ]
+        for row in table.itertuples()
+    ]
+    n_cells = next(iter(matrices.values())).shape[1]
+    title = "1 cell" if n_cells == 1 else f"{n_cells} cells (task and noise)"
+    return f"Scores over {title}, of the seeds that are finished in all of them.\n\n" + _table(
+        ["agent", "seeds", "score (IQM)", "median", "mean", "optimality gap"], rows
+    )
+
+
+def _improvement(matrices: Mapping[str, stats.Array]) -> str:
+    """Return the matrix of probabilities that a row's agent beats a column's."""
+    pairs = scores.improvement(matrices).set_index(["algo", "other"])
+    rows = []
+    for algo in matrices:
+        cells = []
+        for other in matrices:
+            pair = None if algo == other else pairs.loc[(algo, other)]
+            sure = pair is not None and (pair["low"] > 0.5 or pair["high"] < 0.5)
+            mark = "**" if sure else ""
+            cells.append(DASH if pair is None else f"{mark}{_number(pair['probability'], 2)}{mark}")
+        rows.append([f"`{algo}`", *cells])
+    return (
+        "How likely a trial of the row's agent has a higher score than one of the column's in a cell, ties "
+        "counting half; bold where the 95 % interval leaves out 0.5.\n\n"
+        + _table(["", *(f"`{algo}`" for algo in matrices)], rows)
+    )
+
+
+def _anchors(trials: pd.DataFrame) -> str:
+    """Return the exact returns of a cell in a sentence."""
+    known = trials.dropna(subset=["optimal", "random", "stay"])
+    if known.empty:
+        return "No trial has begun."
+    # As precise as is shown: where frames are rewards, another kind of processor changes the fifth digit.
+    if len(known[["optimal", "random", "stay"]].round(2).drop_duplicates()) > 1:
+        return "The trials are from different environments: each has exact returns of its own."
+    first = known.iloc[0]
+    stay = (first["stay"] - first["random"]) / (first["optimal"] - first["random"])
+    return (
+        f"Exact returns: optimum {_number(first['optimal'], 2)} (score 1), random hand "
+        f"{_number(first['random'], 2)} (score 0), never moving {_number(first['stay'], 2)} "
+        f"(score {_number(stay, 2)})."
+    )
+
+
+def _cell(rows: pd.DataFrame) -> str:
+    """Return the table of one task and noise: those that learn first, then floor and ceiling, best first."""
+    drawn = rows[rows["actions"] == DRAWN].set_index(ROW)
+    table = rows[rows["actions"] == SCORED]
+    table = table.assign(fixed=table["steps"] == 0, variant=table["algo"].duplicated(keep=False))
+    table = table.sort_values(["fixed", "score", "algo"], ascending=[True, False, True], kind="stable")
+    lines = []
+    for row in table.to_dict("records"):
+        other = drawn.loc[tuple(row[name] for name in ROW)]
+        lines.append(
+            [
+                _agent(row["algo"], not row["fixed"])
+                + (f" `{row['configuration']}`" if row["variant"] else ""),
+                f"{row['seeds']}/{row['seeds_asked']}",
+                _interval(row["score"], row["score_low"], row["score_high"]),
+                _interval(other["score"], other["score_low"], other["score_high"]),
+                *(
+                    DASH if name in ROWS[row["task"]].silent else _number(scale * row[name], digits)
+                    for _, name, scale, digits in COLUMNS
+                ),
+                DASH if row["fixed"] else _number(row["training_minutes"], 1),
+            ]
+        )
+    numbers = [title for title, *_ in COLUMNS]
+    return _table(["agent", "seeds", "score, greedy", "score, drawn", *numbers, "training (min)"], lines)
+
+
+def _unseen(table: pd.DataFrame) -> str:
+    """Return the table of agents trained on one phantom and on many, on phantoms that none has seen."""
+    rows = [
+        [
+            _agent(row["agent"], learns=True),
+            cell_name(row["task"], row["noise"]),
+            *(
+                _interval(row[part], row[f"{part}_low"], row[f"{part}_high"])
+                for part in ("seen", "one", "many")
+            ),
+            _number(row["gap"], 3),
+            f"{row['one_seeds']} and {row['many_seeds']}",
+        ]
+        for row in table.to_dict("records")
+    ]
+    head = ["agent", "cell", "one: there", "one: never seen", "many: never seen", "gap", "seeds"]
+    return (
+        "Scores (IQM) with greedy actions of agents that were trained on one phantom or on many: those of "
+        "one there, and both on the same phantoms that none of them has met. The gap is what training on "
+        "many brings there; where the task with many has other starts (pp), it holds what these bring, too. "
+        "Written by `usbench transfer`.\n\n" + _table(head, rows)
+    )
+
+
+def _agent(algo: str, learns: bool) -> str:
+    return f"`{algo}`" if learns else f"`{algo}` (not learned)"
+
+
+def _interval(value: float, low: float, high: float) -> str:
+    if pd.isna(low):
+        return _number(value, 3)
+    return f"{_number(value, 3)} [{_number(low, 3)}, {_number(high, 3)}]"
+
+
+def _number(value: Any, digits: int) -> str:
+    """Return a number with fixed digits, never -0; a dash where there is none."""
+    return DASH if pd.isna(value) else f"{round(float(value), digits) + 0.0:.{digits}f}"
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a Markdown table; columns after the first are aligned to the right."""
+    lines = [head, ["---", *["---:"] * (len(head) - 1)], *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)

@@ -1,0 +1,187 @@
+"""How results were made, from the rows of trials: command, versions, time, and what a reader has to know."""
+
+import json
+from collections import defaultdict
+
+import pandas as pd
+
+from usbench.results.scores import CELL, cell_name, environments
+from usbench.tasks import ROWS
+
+NAMED = 3
+STATUS_WORDS = {
+    "missing": "has not been run",
+    "running": "is running or was killed",
+    "interrupted": "was interrupted",
+    "failed": "failed",
+}
+
+
+def making(trials: pd.DataFrame) -> str:
+    """Return the command, how many trials are finished, the hours and the versions, as Markdown."""
+    finished = trials[trials["status"] == "finished"]
+    hours, training = (finished[key].sum() / 3600 for key in ("total_s", "training_s"))
+    lines = commands(trials)
+    if len(lines) > 1:
+        lines.append("usbench leaderboard --runs runs")
+    parts = ["\n".join(["```", *lines, "```"])] if lines else []
+    parts.append(
+        f"{len(finished)} of {len(trials)} trials are finished. One after another they took {hours:.2f} "
+        f"hours on one core, {training:.2f} of them training."
+    )
+    if not finished.empty:
+        parts.append(f"Versions: {finished['versions'].mode().iloc[0] or 'not recorded'}.")
+    return "\n\n".join(parts)
+
+
+def commands(trials: pd.DataFrame) -> list[str]:
+    """Return the comparisons that make these trials, none where they are not whole comparisons.
+
+    Agents that do not learn are in every comparison without being named.
+    """
+    learning = trials[trials["steps"] > 0]
+    if trials.duplicated([*CELL, "algo", "seed"]).any():
+        return []
+    tasks_of: dict[tuple[str, str], list[str]] = defaultdict(list)
+    for (algo, task), own in learning.groupby(["algo", "task"]):
+        seeds, noises, steps = (sorted(set(own[name])) for name in ("seed", "noise", "steps"))
+        if seeds != list(range(len(seeds))) or len(own) != len(seeds) * len(noises) * len(steps):
+            return []
+        options = f"--noise {' '.join(f'{noise:g}' for noise in noises)} --seeds {len(seeds)}"
+        if steps != [ROWS[task].steps]:
+            options += f" --steps {steps[0]}"
+        tasks_of[algo, options].append(task)
+    algos_of: dict[tuple[str, str], list[str]] = defaultdict(list)
+    for (algo, options), tasks in tasks_of.items():
+        algos_of[" ".join(tasks), options].append(algo)
+    covered = set(learning[CELL].itertuples(index=False, name=None))
+    if covered != set(trials[CELL].itertuples(index=False, name=None)):
+        return []
+    return [
+        f"usbench compare --algos {' '.join(algos)} --tasks {tasks} {options}"
+        for (tasks, options), algos in algos_of.items()
+    ]
+
+
+def notes(trials: pd.DataFrame) -> list[str]:
+    """Return a sentence for everything that makes rows differ from what they seem to be."""
+    finished = trials[trials["status"] == "finished"]
+    return [
+        *_unfinished(trials),
+        *_configurations(trials),
+        *_environments(trials),
+        *_budgets(trials),
+        *_seeds(trials),
+        *_versions(finished),
+        *_frames(finished),
+    ]
+
+
+def _unfinished(trials: pd.DataFrame) -> list[str]:
+    found = []
+    for (task, noise, algo), rows in trials[trials["status"] != "finished"].groupby([*CELL, "algo"]):
+        seeds = [
+            f"seed {row.seed} {STATUS_WORDS[row.status]}"
+            + (f" ({' '.join(row.reason.split())})" if row.reason else "")
+            for row in rows.itertuples()
+        ]
+        found.append(f"`{algo}` on {cell_name(task, noise)}: {', '.join(seeds)}.")
+    return found
+
+
+def _configurations(trials: pd.DataFrame) -> list[str]:
+    """Tell apart the configurations of one cell by the settings in which they differ."""
+    found = []
+    for (task, noise, algo), rows in trials.groupby([*CELL, "algo"]):
+        variants = rows.drop_duplicates("configuration").set_index("configuration")
+        if len(variants) == 1:
+            continue
+        settings = pd.DataFrame(
+            [json.loads(row.settings) | {"steps": row.steps} for row in variants.itertuples()],
+            index=variants.index,
+        ).astype(str)
+        differing = settings.loc[:, settings.nunique() > 1]
+        each = [
+            f"`{name}` has " + (", ".join(f"{key}={value}" for key, value in row.items()) or "other settings")
+            for name, row in differing.iterrows()
+        ]
+        found.append(
+            f"`{algo}` on {cell_name(task, noise)} ran in {len(variants)} configurations, each in a row "
+            f"of its own: {'; '.join(each)}."
+        )
+    return found
+
+
+def _budgets(trials: pd.DataFrame) -> list[str]:
+    found = []
+    for task, own in trials[trials["steps"] > 0].groupby("task"):
+        budgets = own.groupby("steps")["algo"].unique()
+        if len(budgets) > 1:
+            each = [f"{steps} steps for {', '.join(sorted(algos))}" for steps, algos in budgets.items()]
+            found.append(f"Training budgets on {task} differ: {'; '.join(each)}.")
+    return found
+
+
+def _environments(trials: pd.DataFrame) -> list[str]:
+    found = []
+    for (task, noise), own in trials.assign(environment=environments(trials)).groupby(CELL):
+        agents = own.groupby("environment")["algo"].unique()
+        if len(agents) > 1:
+            each = [f"{', '.join(sorted(algos))} in {digest}" for digest, algos in agents.items()]
+            found.append(
+                f"Trials on {cell_name(task, noise)} are from different environments (their digests): "
+                f"{'; '.join(each)}. Their scores cannot be compared."
+            )
+    return found
+
+
+def _seeds(trials: pd.DataFrame) -> list[str]:
+    cells = defaultdict(list)
+    for (task, noise), rows in trials[trials["steps"] > 0].groupby(CELL):
+        algos = defaultdict(list)
+        for algo, seeds in rows.groupby("algo")["seed"]:
+            algos[" ".join(map(str, sorted(set(seeds))))].append(algo)
+        if len(algos) > 1:
+            each = [f"{seeds} for {', '.join(names)}" for seeds, names in sorted(algos.items())]
+            cells["; ".join(each)].append(cell_name(task, noise))
+    return [f"Seeds differ on {' / '.join(names)}: {each}." for each, names in cells.items()]
+
+
+def _versions(finished: pd.DataFrame) -> list[str]:
+    if finished["versions"].nunique() < 2:
+        return []
+    packages = [
+        {name: number for name, _, number in (item.partition(" ") for item in versions.split(", "))}
+        for versions in finished["versions"]
+    ]
+    table = pd.DataFrame(packages, index=finished["trial"]).fillna("not recorded")
+    table = table.drop(columns="", errors="ignore")
+    return [
+        f"Versions of {name} differ between trials: {_counted(table[name])}."
+        for name in sorted(table)
+        if table[name].nunique() > 1
+    ]
+
+
+def _frames(finished: pd.DataFrame) -> list[str]:
+    found = []
+    for (task, _), rows in finished.groupby(["task", environments(finished)]):
+        frames = rows.set_index("trial")["frames"].replace("", "not recorded")
+        if frames.nunique() > 1:
+            found.append(f"Frames of {task} differ between trials (their digests): {_counted(frames)}.")
+    if found:
+        found.append(
+            "Frames differ with the simulator's version, and with the kind of processor, as each rounds "
+            "otherwise: there tens of pixels in a million by one grey level (`benchmarks/processors.py`)."
+        )
+    return found
+
+
+def _counted(values: pd.Series) -> str:
+    """Return each value with its number of trials, the most common first; rarer ones name their trials."""
+    groups = sorted(values.groupby(values), key=lambda group: (-len(group[1]), group[0]))
+    texts = [f"{groups[0][0]} in {len(groups[0][1])}"]
+    for value, trials in groups[1:]:
+        names = [f"`{name}`" for name in trials.index[:NAMED]] + ["..."] * (len(trials) > NAMED)
+        texts.append(f"{value} in {len(trials)} ({', '.join(names)})")
+    return ", ".join(texts)

@@ -1,0 +1,217 @@
+"""From the rows of trials to the cells of the leaderboard: one cell is a task, a noise and an algorithm.
+
+Three rules. The last checkpoint counts. What is called the score is that of greedy (most probable) actions,
+for every algorithm: a value-based one has no other policy of its own (its drawn actions are exploration), and
+whoever is guided gets the best advice. Unfinished trials are counted, never averaged in.
+"""
+
+import json
+from collections.abc import Mapping
+from itertools import combinations
+
+import numpy as np
+import pandas as pd
+
+from usbench.results import stats
+from usbench.results.tables import DRAWN, GREEDY, MEANS, TRAINING, Results
+from usbench.tasks import PAPER
+
+SCORED = GREEDY
+CELL = ["task", "noise"]
+ROW = [*CELL, "algo", "configuration"]
+# What cells are averaged over together.
+ALL, PAPERS, OTHERS = "all cells", "the paper's tasks", "the other tasks"
+# Every interval draws from a fresh generator: a row does not change when another one is added.
+BOOTSTRAP_SEED = 20_190_002
+_NO_SCORE = dict.fromkeys(("score", "score_low", "score_high"), np.nan)
+
+
+def parts(results: Results) -> dict[str, Results]:
+    """Return the results that are averaged together: all, or the paper's tasks and the others apart.
+
+    Apart where agents learned on both: the paper's question is about its own, and the tasks beside them need
+    not have every algorithm and noise.
+    """
+    learning = results.trials["steps"] > 0
+    papers = results.trials["task"].isin(PAPER)
+    if not (learning & papers).any() or not (learning & ~papers).any():
+        return {ALL: results}
+    return {
+        name: Results(own, results.curves[results.curves["trial"].isin(own["trial"])])
+        for name, own in ((PAPERS, results.trials[papers]), (OTHERS, results.trials[~papers]))
+    }
+
+
+def environments(trials: pd.DataFrame) -> pd.Series:
+    """Return the digest of each trial's environment."""
+    return trials["settings"].map(lambda text: json.loads(text).get("environment", ""))
+
+
+def value_based(trials: pd.DataFrame) -> pd.Series:
+    """Return which trials are of agents that explore, having no probabilities to draw actions with."""
+    return trials["settings"].str.contains('"exploration_final_eps"', regex=False)
+
+
+def cells(results: Results) -> pd.DataFrame:
+    """Return a row per task, noise, algorithm, configuration and kind of actions, without index.
+
+    Beside names: `seeds` that are finished of `seeds_asked`; `score` (interquartile mean of the normalised
+    score over seeds) with `score_low` and `score_high`, its 95 % interval (NaN for a single seed); the means
+    over seeds of the columns `results.MEANS`; `area_under_curve` of the score and `training_minutes`. A row
+    without a finished trial holds NaN, and so do the drawn actions of value-based agents: those explore, and
+    how much is a setting.
+    """
+    asked = {
+        task: seeds_asked(own.trials) for own in parts(results).values() for task in set(own.trials["task"])
+    }
+    curves = results.curves[results.curves["kind"] != TRAINING]
+    curves = curves.merge(results.trials[["trial", "training_s"]], on="trial")
+    rows = []
+    for row, trials in results.trials.groupby(ROW):
+        for kind in (GREEDY, DRAWN):
+            own = curves[curves["trial"].isin(trials["trial"]) & (curves["kind"] == kind)]
+            if kind == DRAWN and value_based(trials).any():
+                own = own[:0]
+            last = own.groupby("trial").tail(1)
+            steps = int(trials["steps"].iloc[0])
+            names = dict(zip(ROW, row, strict=True)) | {"actions": kind, "steps": steps}
+            seeds = {"seeds": len(last), "seeds_asked": max(len(trials), asked[row[0]] if steps else 0)}
+            rows.append(names | seeds | _numbers(own, last))
+    columns = [*ROW, "actions", "steps", "seeds", "seeds_asked", *_numbers(curves[:0], curves[:0])]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def matrices(results: Results, kind: str = SCORED) -> tuple[dict[str, stats.Array], dict[str, str]]:
+    """Return the final scores `(n_seeds, n_cells)` of the algorithms, and why others have none.
+
+    Cells are those of algorithms that learn, in order. An algorithm needs one configuration in each of them,
+    and its seeds are those that are finished in all of them. There are none where the trials of a cell are
+    from different environments.
+    """
+    trials = results.trials
+    several = environments(trials).groupby([trials[name] for name in CELL]).nunique()
+    if (several > 1).any():
+        where = cell_name(*several[several > 1].index[0])
+        return {}, {
+            algo: f"trials of {where} are from different environments" for algo in set(trials["algo"])
+        }
+    learning = trials[trials["steps"] > 0]
+    wanted = sorted(set((learning if len(learning) else trials)[CELL].itertuples(index=False, name=None)))
+    final = results.curves[results.curves["kind"] == kind].groupby("trial").tail(1)
+    final = trials.merge(final[["trial", "normalized_score"]], on="trial")
+    found: dict[str, stats.Array] = {}
+    reasons: dict[str, str] = {}
+    for algo, own in trials.groupby("algo"):
+        mixed = own.groupby(CELL)["configuration"].nunique()
+        table = final[final["algo"] == algo]
+        if (mixed > 1).any():
+            reasons[algo] = f"more than one configuration in {cell_name(*mixed[mixed > 1].index[0])}"
+            continue
+        table = table.pivot(index="seed", columns=CELL, values="normalized_score")
+        table = table.reindex(columns=pd.MultiIndex.from_tuples(wanted, names=CELL))
+        empty = [cell for cell in wanted if table[cell].isna().all()]
+        table = table.dropna()
+        if empty:
+            reasons[algo] = f"no finished trial in {', '.join(cell_name(*cell) for cell in empty)}"
+        elif table.empty:
+            reasons[algo] = "no seed is finished in every cell"
+        else:
+            found[algo] = table.to_numpy(np.float64)
+    return found, reasons
+
+
+def learners(results: Results) -> dict[str, stats.Array]:
+    """Return the matrices of the algorithms that learn."""
+    learning = set(results.trials.loc[results.trials["steps"] > 0, "algo"])
+    return {algo: matrix for algo, matrix in matrices(results)[0].items() if algo in learning}
+
+
+def overall(scores: Mapping[str, stats.Array]) -> pd.DataFrame:
+    """Return a row per algorithm: `seeds`, `score` (IQM) with its interval, and other metrics; best first."""
+    rows = [
+        {
+            "algo": algo,
+            "seeds": len(matrix),
+            **score_of(matrix),
+            "median": float(stats.median(matrix)),
+            "mean": float(stats.mean(matrix)),
+            "optimality_gap": float(stats.optimality_gap(matrix)),
+        }
+        for algo, matrix in scores.items()
+    ]
+    columns = ["algo", "seeds", *_NO_SCORE, "median", "mean", "optimality_gap"]
+    table = pd.DataFrame(rows, columns=columns)
+    return table.sort_values(["score", "algo"], ascending=[False, True], ignore_index=True)
+
+
+def improvement(scores: Mapping[str, stats.Array]) -> pd.DataFrame:
+    """Return a row per ordered pair: `probability` that `algo` beats `other` in a cell, `low`, `high`."""
+    rows = []
+    for algo, other in combinations(scores, 2):
+        interval = stats.stratified_bootstrap(
+            stats.probability_of_improvement,
+            scores[algo],
+            scores[other],
+            generator=np.random.default_rng(BOOTSTRAP_SEED),
+        )
+        alone = min(len(scores[algo]), len(scores[other])) == 1
+        low, high = (np.nan, np.nan) if alone else (float(interval.low), float(interval.high))
+        rows.append((algo, other, float(interval.estimate), low, high))
+        # The same samples: what is sure one way round is sure the other.
+        rows.append((other, algo, 1 - float(interval.estimate), 1 - high, 1 - low))
+    return pd.DataFrame(rows, columns=["algo", "other", "probability", "low", "high"])
+
+
+def learning_curves(results: Results, kind: str = SCORED) -> pd.DataFrame:
+    """Return the `score` over seeds with its interval at every checkpoint, a row for each.
+
+    Trainings only: an agent that does not learn has no curve.
+    """
+    table = results.curves[results.curves["kind"] == kind].merge(agents(results.trials), on="trial")
+    keys = [*CELL, "agent", "step"]
+    rows = []
+    for row, own in table[table["steps"] > 0].groupby(keys):
+        matrix = own["normalized_score"].to_numpy(np.float64)[:, np.newaxis]
+        rows.append(dict(zip(keys, row, strict=True)) | score_of(matrix))
+    return pd.DataFrame(rows, columns=[*keys, *_NO_SCORE])
+
+
+def agents(trials: pd.DataFrame) -> pd.DataFrame:
+    """Return the trials with a column `agent`: the algorithm, and its configuration if a cell has several."""
+    several = trials.groupby([*CELL, "algo"])["configuration"].transform("nunique") > 1
+    names = trials["algo"].where(~several, trials["algo"] + " " + trials["configuration"])
+    return trials.assign(agent=names)
+
+
+def seeds_asked(trials: pd.DataFrame) -> int:
+    """Return how many seeds the learning algorithms were to have, from all of these trials."""
+    return int(trials.loc[trials["steps"] > 0, "seed"].nunique())
+
+
+def cell_name(task: str, noise: float) -> str:
+    """Return what a cell is called, for example "fp, noise 0.25"."""
+    return f"{task}, noise {noise:g}"
+
+
+def _numbers(curves: pd.DataFrame, last: pd.DataFrame) -> dict[str, float]:
+    """Return the numbers of a row from the checkpoints of its trials, `last` being the final ones."""
+    interval = score_of(last[["normalized_score"]].to_numpy(np.float64)) if len(last) else _NO_SCORE
+    areas = [
+        float(stats.area_under_curve(own["trained"], own["normalized_score"]))
+        for _, own in curves.groupby("trial")
+        if len(own) > 1
+    ]
+    return {
+        **interval,
+        **{name: float(last[name].mean()) for name in MEANS},
+        "area_under_curve": float(np.mean(areas)) if areas else np.nan,
+        "training_minutes": float(last["training_s"].mean() / 60),
+    }
+
+
+def score_of(matrix: stats.Array) -> dict[str, float]:
+    """Return the IQM and its interval; a single seed has none."""
+    generator = np.random.default_rng(BOOTSTRAP_SEED)
+    interval = stats.stratified_bootstrap(stats.iqm, matrix, generator=generator)
+    low, high = (interval.low, interval.high) if len(matrix) > 1 else (np.nan, np.nan)
+    return {"score": float(interval.estimate), "score_low": float(low), "score_high": float(high)}

@@ -1,0 +1,171 @@
+"""A training watched from outside: its episodes journalled, its checkpoints evaluated, its budget kept."""
+
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
+
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import BaseCallback
+
+from usbench.records import Episode
+from usbench.records.journal import Journal
+from usbench.trials import tensorboard
+from usbench.trials.evaluation import Evaluator
+
+RECENT_EPISODES = 20
+
+
+class Progress(Protocol):
+    """What a trial tells while it runs."""
+
+    def frames(self, done: int, total: int) -> None:
+        """`done` of `total` frames are simulated."""
+
+    def training(self, step: int, steps: int, mean_return: float, score: float) -> None:
+        """Training is at `step` of `steps`; mean return and normalised score of the last episodes."""
+
+    def evaluated(self, step: int, mean_return: float, score: float) -> None:
+        """The checkpoint at `step` was evaluated, with drawn actions."""
+
+    def close(self) -> None:
+        """Nothing follows."""
+
+
+class Silent:
+    """A `Progress` that tells nothing."""
+
+    def frames(self, done: int, total: int) -> None:
+        """Say nothing."""
+
+    def training(self, step: int, steps: int, mean_return: float, score: float) -> None:
+        """Say nothing."""
+
+    def evaluated(self, step: int, mean_return: float, score: float) -> None:
+        """Say nothing."""
+
+    def close(self) -> None:
+        """Do nothing."""
+
+
+class TrainingWatch(BaseCallback):
+    """SB3 callback that follows one trial; `on_episode` is for the recorder around its environment.
+
+    Attributes:
+        seconds: Time that evaluations took so far.
+    """
+
+    def __init__(
+        self,
+        *,
+        steps: int,
+        checkpoints: Sequence[int],
+        evaluator: Evaluator,
+        score: Callable[[float], float],
+        episodes: Journal,
+        evaluations: Journal,
+        progress: Progress,
+        boundary: Callable[[bool], None] = lambda at_end: None,
+    ) -> None:
+        """Watch a training of `steps` steps; `score` turns a mean return into a normalised score.
+
+        `boundary` is called before every rollout of an SB3 agent, with False, and after the last, with True.
+        """
+        super().__init__()
+        self.seconds = 0.0
+        self._steps, self._due = steps, list(checkpoints)
+        self._evaluator, self._score, self._progress = evaluator, score, progress
+        self._episodes, self._evaluations = episodes, evaluations
+        self._boundary = boundary
+        self._count, self._recorded_steps = 0, 0
+        self._recent: deque[float] = deque(maxlen=RECENT_EPISODES)
+        self._unaware: Any = None
+
+    def state(self) -> dict[str, Any]:
+        """Return what it counts, as plain data; what it journals is kept by the journals."""
+        return {
+            "due": list(self._due),
+            "count": self._count,
+            "recorded_steps": self._recorded_steps,
+            "recent": list(self._recent),
+            "seconds": self.seconds,
+        }
+
+    def put_back(self, state: dict[str, Any]) -> None:
+        """Go on counting from what `state` gave."""
+        self._due, self.seconds = state["due"], state["seconds"]
+        self._count, self._recorded_steps = state["count"], state["recorded_steps"]
+        self._recent.extend(state["recent"])
+
+    def on_episode(self, facts: dict[str, Any]) -> None:
+        """Journal one training episode."""
+        facts = dict(facts)
+        self._recorded_steps += len(facts.pop("actions"))
+        episode = Episode(episode=self._count, step=self._recorded_steps, **facts)
+        self._episodes.append([episode.as_row()])
+        self._count += 1
+        self._recent.append(facts["return_"])
+        if self._unaware is not None:
+            self.num_timesteps = self._recorded_steps
+            self._tell()
+            self.evaluate_due(self._unaware)
+
+    def from_outside(self, agent: Any) -> None:
+        """Watch an agent that knows no callback: now, and whenever an episode ends."""
+        self._unaware = agent
+        self.evaluate_due(agent)
+
+    def evaluate_due(self, agent: Any) -> None:
+        """If a checkpoint was reached, play the episodes, with drawn and with likeliest actions."""
+        step = self.num_timesteps
+        reached = [checkpoint for checkpoint in self._due if checkpoint <= step]
+        if not reached:
+            return
+        self._due = self._due[len(reached) :]
+        logged = self._steps > 0 and hasattr(agent, "logger")
+        start = time.perf_counter()
+        for deterministic in (False, True):
+            played = self._evaluator.play(
+                agent, checkpoint=reached[-1], step=step, deterministic=deterministic
+            )
+            self._evaluations.append(episode.as_row() for episode in played)
+            mean = sum(episode.return_ for episode in played) / len(played)
+            if logged:
+                mode = "deterministic" if deterministic else "stochastic"
+                agent.logger.record(f"evaluation/return_{mode}", mean)
+                agent.logger.record(f"evaluation/normalized_score_{mode}", self._score(mean))
+            if not deterministic:
+                self._progress.evaluated(step, mean, self._score(mean))
+        if logged and isinstance(agent, BaseAlgorithm):
+            tensorboard.evaluated(agent, played)
+        if logged:
+            agent.logger.dump(step)
+        self.seconds += time.perf_counter() - start
+
+    def _on_training_start(self) -> None:
+        tensorboard.begin(self.logger)
+
+    def _on_rollout_start(self) -> None:
+        self.evaluate_due(self.model)
+        self._boundary(False)
+
+    def _on_training_end(self) -> None:
+        self._boundary(True)
+
+    def _tell(self) -> None:
+        if self._recent:
+            mean = sum(self._recent) / len(self._recent)
+            self._progress.training(self.num_timesteps, self._steps, mean, self._score(mean))
+            if self._unaware is None:
+                tensorboard.trained(self.logger, self._score(mean))
+
+    def _on_step(self) -> bool:
+        self._tell()
+        # Ending a rollout here leaves it out of training, so only one that would overrun the budget is ended.
+        return self.num_timesteps < self._steps or self._steps % _rollout_steps(self.model) == 0
+
+
+def _rollout_steps(model: Any) -> int:
+    """Return how many steps the algorithm collects before it learns from them."""
+    # Off-policy first: their `n_steps` is the length of n-step returns.
+    return int(model.train_freq.frequency if hasattr(model, "train_freq") else model.n_steps)

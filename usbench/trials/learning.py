@@ -1,0 +1,208 @@
+"""One training, made anew or as a checkpoint has it: agent, environment, and what watches them."""
+
+import contextlib
+import hashlib
+import inspect
+import logging
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.logger import Logger, configure
+from stable_baselines3.common.vec_env import DummyVecEnv
+
+from usbench import suite
+from usbench.agents import model_state, zoo
+from usbench.envs import oracle
+from usbench.records import TrialConfig
+from usbench.records.journal import Journal
+from usbench.trials import anatomy_record
+from usbench.trials.callback import Progress, TrainingWatch
+from usbench.trials.configuration import TRUE_REWARD
+from usbench.trials.evaluation import Evaluator, Recorder
+from usbench.trials.resume_files import Checkpoints
+from usbench.trials.stopwatch import Stopwatch
+
+log = logging.getLogger(__name__)
+
+
+def make_agent(
+    config: TrialConfig, algo: str, env: Any, seed: np.random.SeedSequence, hyperparameters: Mapping[str, Any]
+) -> Any:
+    """Make an agent; the one that sees the state is given the exact plan."""
+    # On the CPU even where there is a GPU: same seed, same bits everywhere.
+    model_class = zoo.model_class(algo)
+    kwargs: dict[str, Any] = {"device": "cpu"} if issubclass(model_class, BaseAlgorithm) else {}
+    if getattr(model_class, "sees_state", False):
+        kwargs["policy"] = oracle.Planner(config.task, config.noise)
+    return zoo.make(algo, env, int(seed.generate_state(1)[0]), hyperparameters, **kwargs)
+
+
+class Learning:
+    """A training with all that changes while it goes on.
+
+    Attributes:
+        agent: The agent.
+        watch: What follows it.
+    """
+
+    def __init__(
+        self,
+        config: TrialConfig,
+        *,
+        evaluator: Evaluator,
+        planned: Sequence[int],
+        score: Callable[[float], float],
+        progress: Progress,
+        journals: tuple[Journal, Journal],
+        checkpoints: Checkpoints,
+        stopwatch: Stopwatch,
+        machine: Mapping[str, Any],
+    ) -> None:
+        """Make it anew.
+
+        Args:
+            config: Of the trial.
+            evaluator: What plays the evaluation episodes.
+            planned: Steps at which the agent is evaluated.
+            score: Turns a mean return into a normalised score.
+            progress: Is told what happens.
+            journals: For training episodes and for evaluations.
+            checkpoints: Where they are written to.
+            stopwatch: Of the trial; what it has counted goes into checkpoints.
+            machine: What must be the same for the bits to be the same, as plain data.
+        """
+        self._config, self._journals, self._stopwatch = config, journals, stopwatch
+        self._checkpoints: Checkpoints | None = checkpoints
+        self._generators: dict[str, Any] | None = None
+        self._logger: Logger | None = None
+        episodes, evaluations = journals
+        self.watch = TrainingWatch(
+            steps=config.steps,
+            checkpoints=planned,
+            evaluator=evaluator,
+            score=score,
+            episodes=episodes,
+            evaluations=evaluations,
+            progress=progress,
+            boundary=self._keep,
+        )
+        reward = config.environment.get("reward", TRUE_REWARD)
+        anatomy = anatomy_record.recorded(config.environment)
+        env = suite.make_env(
+            config.task, config.noise, n_frames=config.n_frames, reward=reward, anatomy=anatomy
+        )
+        self._recorder = Recorder(env, self.watch.on_episode)
+        vec_env = DummyVecEnv([lambda: self._recorder])
+        env_seed, agent_seed, _ = np.random.SeedSequence(config.seed).spawn(3)
+        self.agent = make_agent(config, config.algo, vec_env, agent_seed, config.hyperparameters)
+        # After the agent was made: SB3 hands its own seed to the environment there.
+        vec_env.seed(int(env_seed.generate_state(1)[0]))
+        self._made_by = {**machine, "configuration": config.hash, "code": _source(type(self.agent))}
+
+    def put_back(self, checkpoint: Mapping[str, Any]) -> None:
+        """Go on as the content of a checkpoint says.
+
+        Raises:
+            ValueError: If it was made otherwise, or the journals are not what they were then; anything else
+                if it is not a checkpoint of this training at all.
+        """
+        different = [name for name, value in self._made_by.items() if checkpoint["made_by"][name] != value]
+        if different:
+            raise ValueError(f"it comes from a trial that differs in {' and '.join(different)}.")
+        for journal, mark in zip(self._journals, checkpoint["journals"], strict=True):
+            journal.cut(mark)
+        model_state.put_back(self.agent, checkpoint["agent"])
+        observation = self._recorder.put_back(checkpoint["environment"])
+        # Where the budget cut a rollout off, the agent has not kept the last observation, nor needs it.
+        learns_on = self.agent.num_timesteps < self._config.steps
+        if learns_on and not np.array_equal(observation[np.newaxis], self.agent._last_obs):
+            raise ValueError("it was made with other frames.")
+        self.watch.put_back(checkpoint["watch"])
+        self._generators = checkpoint["generators"]
+        # Now, so that wrong ones are found here, and again when the agent begins to learn.
+        model_state.put_generators_back(self.agent, self._generators)
+        self._stopwatch.add(checkpoint["seconds"])
+
+    def learn(self, tensorboard: Path) -> None:
+        """Let the agent learn what is left; one that is not Stable-Baselines3's is watched from outside.
+
+        Raises:
+            ValueError: If such an agent did not make exactly the steps that it was told.
+        """
+        steps = self._config.steps
+        if isinstance(self.agent, BaseAlgorithm):
+            self._logger = configure(str(tensorboard), ["tensorboard"])
+            self.agent.set_logger(self._logger)
+            begun = self._generators is not None
+            if self._generators is not None:
+                # Last: whatever was made since the start has drawn from them.
+                model_state.put_generators_back(self.agent, self._generators)
+            left = steps - self.agent.num_timesteps if begun else steps
+            self.agent.learn(left, callback=self.watch, reset_num_timesteps=not begun)
+            return
+        self.watch.from_outside(self.agent)
+        self.agent.learn(steps)
+        if self._recorder.n_steps != steps:
+            raise ValueError(
+                f"{self._config.algo} made {self._recorder.n_steps} training steps instead of {steps}."
+            )
+        self.watch.num_timesteps = steps
+
+    def close(self) -> None:
+        """End TensorBoard's events; each file has a thread that would outlive the trial."""
+        if self._logger is not None:
+            self._logger.close()
+
+    def _keep(self, at_end: bool) -> None:
+        """Write a checkpoint if it is time; nothing here may change what is drawn or learned afterwards."""
+        if self._checkpoints is None or not (at_end or self._checkpoints.due()):
+            return
+        try:
+            content = {
+                "made_by": self._made_by,
+                "seconds": self._stopwatch.seconds(),
+                "journals": [journal.mark() for journal in self._journals],
+                "watch": self.watch.state(),
+                "environment": self._recorder.state(),
+                "agent": model_state.state_of(self.agent),
+                "generators": model_state.generators(self.agent),
+            }
+        except model_state.UnsavedError as error:
+            log.warning("no checkpoints, so that a trial that is killed starts again from step 0: %s", error)
+            self._checkpoints = None
+            return
+        self._checkpoints.write(self.agent.num_timesteps, content)
+
+
+@contextlib.contextmanager
+def heard_once() -> Iterator[None]:
+    """Leave out what TensorBoard's thread prints of a full disk: the next write raises it where it counts."""
+    tell = threading.excepthook
+
+    def pass_over(args: threading.ExceptHookArgs) -> None:
+        if not issubclass(args.exc_type, OSError):
+            tell(args)
+
+    threading.excepthook = pass_over
+    try:
+        yield
+    finally:
+        threading.excepthook = tell
+
+
+def machine() -> dict[str, Any]:
+    """Return what of this machine decides the bits of a training, beside the versions of packages."""
+    return {"processor": torch.backends.cpu.get_cpu_capability()}
+
+
+def _source(cls: type) -> str:
+    """Return a checksum of the module of `cls`, empty where it has no source: who works on it starts anew."""
+    try:
+        return hashlib.sha256(Path(inspect.getfile(cls)).read_bytes()).hexdigest()
+    except (OSError, TypeError):
+        return ""

@@ -1,0 +1,230 @@
+"""Models from anyone: weights are read as numbers alone, so that no file can run code when it is opened.
+
+Stable-Baselines3's `load` unpickles objects, and a pickle can do anything. Here the agent is built from the
+zoo, for the configuration that the trial recorded, and only its tensors come from the file.
+"""
+
+import contextlib
+import dataclasses
+import io
+import zipfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath, PureWindowsPath
+from typing import Any
+
+import torch
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.vec_env import DummyVecEnv
+
+from usbench import records, suite
+from usbench.agents import plugins, zoo
+from usbench.envs import oracle
+from usbench.records import ConfigurationError, TrialConfig
+from usbench.trials import anatomy_record, runner
+from usbench.trials.configuration import MAX_FRAMES
+
+WEIGHTS = "policy.pth"
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """An agent that acts (`predict`), and the configuration of the trial that it comes from."""
+
+    agent: Any
+    config: TrialConfig
+
+
+def load_agent(path: str | Path, *, algo: str | None = None, task: str | None = None) -> Loaded:
+    """Open a trial folder, its `model.zip`, or any `.zip` that Stable-Baselines3 saved; run nothing in it.
+
+    Args:
+        path: Trial folder, or zip file. Where `trial.json` lies beside the zip, it says algorithm and task.
+        algo: Algorithm of a zip without `trial.json`; beside one it must be the same. An algorithm of your
+            own ("module:name") is imported only if it is named here, since importing it runs its code.
+        task: Task of a zip without `trial.json`; beside one it must be the same.
+
+    Returns:
+        The agent, for acting: it has no memory of what it learnt from. Agents that do not learn have no
+        weights to be read.
+
+    Raises:
+        ConfigurationError: If there is no model, it does not fit the task, or it holds more than numbers; one
+            sentence says which.
+    """
+    path = Path(path)
+    folder, file = (path, path / records.MODEL) if path.is_dir() else (path.parent, path)
+    if (folder / records.TRIAL).is_file():
+        config = _recorded(folder, algo, task)
+    elif path.is_dir():
+        raise ConfigurationError(f"{str(path)!r} is not the folder of a trial: it has no {records.TRIAL}.")
+    elif algo is None or task is None:
+        raise ConfigurationError(
+            f"{str(path)!r} has no {records.TRIAL} beside it: say its algorithm and its task."
+        )
+    else:
+        config = runner.resolve(algo, task)
+    agent = _build(config)
+    if zoo.entry(config.algo).learns:
+        if not isinstance(agent, BaseAlgorithm):
+            raise ConfigurationError(
+                f"a model of {config.algo} cannot be opened safely: it is not Stable-Baselines3's."
+            )
+        _load_weights(agent, file, config)
+    return Loaded(agent, config)
+
+
+def _recorded(folder: Path, algo: str | None, task: str | None) -> TrialConfig:
+    """Return the configuration in `trial.json`, every value checked: it may come from a stranger too."""
+    path = folder / records.TRIAL
+    try:
+        recorded = records.read_state(folder)["config"]
+        name, own_task, steps, n_frames = (recorded[key] for key in ("algo", "task", "steps", "n_frames"))
+        for what, own, asked in (("algorithm", name, algo), ("task", own_task, task)):
+            if not isinstance(own, str):
+                raise TypeError(f"its {what} is {own!r}")
+            if asked not in (None, own):
+                raise ConfigurationError(f"{path} records the {what} {own!r}, not {asked!r}.")
+        if name not in zoo.ZOO and name not in plugins.registered() and ":" in name and algo is None:
+            raise ConfigurationError(
+                f"{path} names an algorithm of its own, {name!r}, whose code would run: name it too if you "
+                "trust it."
+            )
+        config = runner.resolve(
+            name,
+            own_task,
+            noise=recorded["noise"],
+            seed=recorded["seed"],
+            steps=steps or None,
+            anatomy=anatomy_record.recorded(recorded["environment"]),
+            overrides=recorded["hyperparameters"],
+        )
+    except ConfigurationError:
+        raise
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
+        raise ConfigurationError(f"{path} does not record a trial ({_words(error)}).") from error
+    if type(n_frames) is not int or not 1 <= n_frames <= MAX_FRAMES:
+        raise ConfigurationError(
+            f"n_frames in {path} must be a whole number from 1 to {MAX_FRAMES}, not {n_frames!r}."
+        )
+    return dataclasses.replace(config, n_frames=n_frames)
+
+
+def _build(config: TrialConfig) -> Any:
+    anatomy = anatomy_record.recorded(config.environment)
+    env = DummyVecEnv(
+        [lambda: suite.make_env(config.task, config.noise, n_frames=config.n_frames, anatomy=anatomy)]
+    )
+    hyperparameters = dict(config.hyperparameters)
+    # Acting remembers nothing: a replay buffer as large as the file says could fill the memory.
+    if "buffer_size" in hyperparameters:
+        hyperparameters["buffer_size"] = 1
+    model_class = zoo.model_class(config.algo)
+    kwargs: dict[str, Any] = {"device": "cpu"} if issubclass(model_class, BaseAlgorithm) else {}
+    if getattr(model_class, "sees_state", False):
+        kwargs["policy"] = oracle.Planner(config.task, config.noise)
+    return zoo.make(config.algo, env, config.seed, hyperparameters, **kwargs)
+
+
+def _load_weights(agent: BaseAlgorithm, file: Path, config: TrialConfig) -> None:
+    own = agent.policy.state_dict()
+    size = sum(tensor.nbytes for tensor in own.values())
+    # Names and padding beside the numbers; more would be another network, or made to fill the memory.
+    tensors = _tensors(file, limit=2 * size + 1_000_000)
+    misfit = next(
+        (f"it has no {name}" for name in own if name not in tensors),
+        next((f"{name} is not part of it" for name in tensors if name not in own), None),
+    ) or next(
+        (
+            f"{name} has shape {tuple(tensors[name].shape)} instead of {tuple(own[name].shape)}"
+            for name in own
+            if tensors[name].shape != own[name].shape
+        ),
+        None,
+    )
+    if misfit:
+        raise ConfigurationError(
+            f"the model in {str(file)!r} does not fit {config.algo} on {config.task}: {misfit}."
+        )
+    agent.policy.load_state_dict(tensors)
+    if not all(bool(torch.isfinite(tensor).all()) for tensor in agent.policy.state_dict().values()):
+        raise ConfigurationError(f"the model in {str(file)!r} has weights that are not finite numbers.")
+    agent.policy.set_training_mode(False)
+
+
+def _tensors(file: Path, limit: int) -> dict[str, torch.Tensor]:
+    """Read the tensors of a policy, at most `limit` bytes, out of a model file."""
+    with _archive(file) as archive:
+        if WEIGHTS not in archive.namelist():
+            raise ConfigurationError(
+                f"{str(file)!r} is not a model of Stable-Baselines3: no {WEIGHTS} in it."
+            )
+        _check_size([archive.getinfo(WEIGHTS)], limit, file)
+        content = io.BytesIO(archive.read(WEIGHTS))
+    if not zipfile.is_zipfile(content):
+        raise ConfigurationError(
+            f"{WEIGHTS} in {str(file)!r} is no file of torch.save: another kind of pickle could run code "
+            "and is not opened."
+        )
+    try:
+        with zipfile.ZipFile(content) as archive:
+            _check_size(archive.infolist(), limit, file)
+        content.seek(0)
+        tensors = torch.load(content, map_location="cpu", weights_only=True)
+    except ConfigurationError:
+        raise
+    except Exception as error:
+        raise ConfigurationError(_why_unreadable(content, file)) from error
+    if not isinstance(tensors, dict) or not all(
+        isinstance(name, str) and isinstance(tensor, torch.Tensor) for name, tensor in tensors.items()
+    ):
+        raise ConfigurationError(f"{WEIGHTS} in {str(file)!r} holds something else than named tensors.")
+    return tensors
+
+
+def _why_unreadable(content: io.BytesIO, file: Path) -> str:
+    """Say what the pickle wanted to call, found by reading it, not by running it."""
+    content.seek(0)
+    calls: list[str] = []
+    with contextlib.suppress(Exception):
+        calls = sorted(torch.serialization.get_unsafe_globals_in_checkpoint(content))
+    if not calls:
+        return f"{WEIGHTS} in {str(file)!r} is broken: its tensors cannot be read."
+    return (
+        f"{str(file)!r} is refused and nothing in it was run: {WEIGHTS} should hold numbers alone, but "
+        f"opening it would run code ({', '.join(calls)})."
+    )
+
+
+@contextlib.contextmanager
+def _archive(file: Path) -> Iterator[zipfile.ZipFile]:
+    """Open a zip whose names stay inside of it, although nothing is ever unpacked."""
+    if not file.is_file():
+        raise ConfigurationError(f"there is no model {str(file)!r}.")
+    try:
+        with zipfile.ZipFile(file) as archive:
+            for name in archive.namelist():
+                inside = PurePosixPath(name), PureWindowsPath(name)
+                if any(path.anchor or ".." in path.parts for path in inside):
+                    raise ConfigurationError(
+                        f"{str(file)!r} is refused: the name {name!r} in it leads out of the archive."
+                    )
+            yield archive
+    except ConfigurationError:
+        raise
+    # Broken, encrypted, cut off, unreadable; and each way of packing has errors of its own.
+    except Exception as error:
+        raise ConfigurationError(f"{str(file)!r} is not a readable zip file ({_words(error)}).") from error
+
+
+def _check_size(members: list[zipfile.ZipInfo], limit: int, file: Path) -> None:
+    size = sum(member.file_size for member in members)
+    if size > limit:
+        raise ConfigurationError(
+            f"the model in {str(file)!r} does not fit: its weights would take {size} bytes, this network's "
+            f"at most {limit}."
+        )
+
+
+def _words(error: Exception) -> str:
+    return f"{type(error).__name__}: {' '.join(str(error).split())}".rstrip(".: ")

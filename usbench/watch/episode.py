@@ -1,0 +1,49 @@
+"""What a replay and a guide say of an episode: what the optimum would have got in it, and slips in words."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from usbench import suite
+from usbench.envs import oracle
+from usbench.envs.anatomy.tissue import Anatomy
+
+
+def optimum(
+    task: str,
+    noise: float,
+    seed: int,
+    options: Mapping[str, int] | None = None,
+    anatomy: Anatomy | None = None,
+) -> tuple[float, ...]:
+    """Return the return of the best policy that knows the pose, after 0, 1, .. steps to the task's last.
+
+    Args:
+        task: Name of the task.
+        noise: Probability of a slip after each action.
+        seed: Of the episode: the same start and the same slips.
+        options: Start pose, as `reset` takes it; by default `seed` draws it.
+        anatomy: One's own, in place of the task's phantom.
+    """
+    env: Any = suite.make_env(task, noise, n_frames=1, anatomy=anatomy)
+    _, info = env.reset(seed=seed, options=None if options is None else dict(options))
+    plan = oracle.policy(task, noise, target=env.unwrapped.target)
+    returns, over = [0.0], False
+    while not over:
+        pose = plan.task.pose(info)
+        _, reward, stopped, truncated, info = env.step(plan.action(len(returns) - 1, pose))
+        returns.append(returns[-1] + float(reward))
+        over = stopped or truncated
+    env.close()
+    return (*returns, *[returns[-1]] * (plan.task.n_steps + 1 - len(returns)))
+
+
+def slip(noise: Mapping[str, Any]) -> str:
+    """Return what `info["noise"]` did in words, empty if nothing; what the border blocked moved nothing."""
+    words = {
+        "x_mm": lambda change: f"{abs(change)} mm to the {'right' if change > 0 else 'left'}",
+        "focal_depth_mm": lambda change: f"{abs(change)} mm {'deeper' if change > 0 else 'shallower'}",
+        "angle_deg": lambda change: f"{abs(change)}° {'clockwise' if change > 0 else 'counter-clockwise'}",
+        "frequency_khz": lambda change: f"{abs(change) / 1e3:g} MHz {'up' if change > 0 else 'down'}",
+        "dynamic_range_db": lambda change: f"{abs(change)} dB {'wider' if change > 0 else 'narrower'}",
+    }
+    return ", ".join(words[name](change) for name, change in noise.items() if change)

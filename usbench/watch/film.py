@@ -1,0 +1,133 @@
+"""Moments of an episode as pages with words below the picture, written as .gif, .webp or .mp4."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from usbench.atomic import atomic_file, atomic_path
+
+if TYPE_CHECKING:  # asking an agent takes torch
+    from usbench.watch.advice import Advice
+    from usbench.watch.replay import Moment
+
+FORMATS = (".gif", ".webp", ".mp4")
+STEP_MS, LAST_STEP_MS = 450, 2000
+# A third of the size of a .gif, and small letters stay clear.
+WEBP_QUALITY = 60
+# The first is what browsers play, the second what every build of OpenCV writes.
+CODECS = ("vp09", "mp4v")
+FOOTER_HEIGHT, ACTION_HEIGHT, FOOTER_COLOR, FAINT, BAR, BEST = (
+    120,
+    22,
+    (15, 18, 24),
+    (150, 156, 168),
+    (86, 180, 233),
+    (240, 228, 66),
+)
+
+
+def page(moment: Moment, steps: int, names: Sequence[str], title: str = "") -> Image.Image:
+    """Return the picture with what was done below it, and what the agent advises."""
+    height, width, _ = moment.picture.shape
+    footer = max(FOOTER_HEIGHT, ACTION_HEIGHT * len(names) + 10)
+    image = Image.new("RGB", (width, height + footer), FOOTER_COLOR)
+    image.paste(Image.fromarray(moment.picture), (0, 0))
+    draw = ImageDraw.Draw(image)
+    lines = [f"step {moment.step}/{steps}: {moment.action}", *facts(moment), title]
+    for number, (text, size) in enumerate(zip(lines, (20, 16, 16, 14), strict=True)):
+        place = (50, height + 4 + 28 * number)
+        draw.text(place, text, fill=FAINT if number == 3 else "white", font=ImageFont.load_default(size=size))
+    if moment.advice is not None:
+        _draw_advice(draw, moment.advice, names, height + 2)
+    image.info["duration"] = LAST_STEP_MS if moment.step == steps else STEP_MS
+    return image
+
+
+def facts(moment: Moment) -> tuple[str, str]:
+    """Return reward, slip and distance in a line, and the return beside the optimum in another."""
+    reached = "   at the goal" if moment.is_success else ""
+    slip = f"   then slipped {moment.slip}" if moment.slip else ""
+    return (
+        f"reward {fixed(moment.reward)}   distance {moment.distance_mm:g} mm{slip}{reached}",
+        f"return {fixed(moment.return_)}   optimum in this episode {fixed(moment.optimum)}",
+    )
+
+
+def fixed(number: float) -> str:
+    """Return a number with two digits, never -0.00."""
+    return f"{round(number, 2) + 0.0:.2f}"
+
+
+def advice_words(advice: Advice, names: Sequence[str]) -> list[str]:
+    """Return for every action its name and probability or value."""
+    texts = [
+        f"{100 * weight:.0f} %" if advice.kind == "probability" else fixed(weight)
+        for weight in advice.weights
+    ]
+    return [f"{name} {text}" for name, text in zip(names, texts, strict=True)]
+
+
+def write(path: Path, pages: Sequence[Image.Image]) -> None:
+    """Write pages of one size as .gif, .webp or .mp4; a page after which an episode ends stays for longer.
+
+    Raises:
+        ValueError: If the ending is none of them.
+        OSError: If OpenCV cannot write the video.
+    """
+    durations = [int(page.info["duration"]) for page in pages]
+    if path.suffix in (".gif", ".webp"):
+        with atomic_file(path) as file:
+            pages[0].save(
+                file,
+                format=path.suffix[1:].upper(),
+                save_all=True,
+                append_images=pages[1:],
+                duration=durations,
+                loop=0,
+                quality=WEBP_QUALITY,
+            )
+    elif path.suffix == ".mp4":
+        with atomic_path(path) as temporary:
+            video = temporary.with_suffix(".mp4")  # from which OpenCV knows the container
+            try:
+                _write_video(video, pages, [round(duration / STEP_MS) for duration in durations])
+                video.replace(temporary)
+            finally:
+                video.unlink(missing_ok=True)
+    else:
+        raise ValueError(f"a replay must end with one of {', '.join(FORMATS)}, not {path.name!r}.")
+
+
+def _draw_advice(draw: ImageDraw.ImageDraw, advice: Advice, names: Sequence[str], top: int) -> None:
+    """Draw a bar for every action, the advised one marked by more than its colour."""
+    font = ImageFont.load_default(size=14)
+    low, high = (0.0, 1.0) if advice.kind == "probability" else (min(advice.weights), max(advice.weights))
+    words = advice_words(advice, names)
+    draw.text((600, top), "advice now:", fill="white", font=font)
+    for number, (weight, text) in enumerate(zip(advice.weights, words, strict=True)):
+        best = number == advice.best
+        y = top + ACTION_HEIGHT * number
+        draw.text((700, y), f"{'> ' if best else '   '}{text}", fill=BEST if best else "white", font=font)
+        draw.rectangle(
+            (940, y + 4, 940 + round(250 * (weight - low) / ((high - low) or 1.0)), y + 16),
+            fill=BEST if best else BAR,
+        )
+
+
+def _write_video(path: Path, pages: Sequence[Image.Image], repeats: Iterable[int]) -> None:
+    for codec in CODECS:
+        writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), 1000 / STEP_MS, pages[0].size)
+        if writer.isOpened():
+            break
+    else:
+        raise OSError("this build of OpenCV cannot write .mp4: choose .gif or .webp.")
+    for page, count in zip(pages, repeats, strict=True):
+        for _ in range(count):
+            writer.write(cv2.cvtColor(np.asarray(page), cv2.COLOR_RGB2BGR))
+    writer.release()

@@ -1,0 +1,85 @@
+"""What a picture is taken of: the pose of the probe, the scanner's settings, and whose phantom."""
+
+from typing import Any
+
+from gymnasium.envs.registration import load_env_creator
+
+from usbench.envs.bmode import DEFAULT_IMAGING
+from usbench.envs.phantom import Phantom
+from usbench.envs.pose import Pose, whole_number
+from usbench.envs.probe import DEFAULT_ARRAY
+from usbench.envs.settings import Setup
+from usbench.envs.task import unknown
+from usbench.envs.tasks.random_phantoms import PhantomDistribution, RandomPhantomEnv, phantom_number
+from usbench.records import ConfigurationError
+from usbench.tasks import PAPER, ROWS
+
+# As far as the simulator focuses; a focus below the phantom is allowed, as on a scanner.
+DEEPEST_MM = 500
+# As scanners have with such an array; its pulses are sampled finely enough for it.
+FREQUENCY_MHZ = (1.0, 10.0)
+RANGE_DB = (1, 200)
+
+
+def pose(
+    x_mm: Any, focal_depth_mm: Any, angle_deg: Any, frequency_mhz: Any = None, dynamic_range_db: Any = None
+) -> Pose:
+    """Return the pose, on the tasks' grid or off it, with the scanner's settings if one of them is given.
+
+    Raises:
+        ConfigurationError: If a value is none that can be, or the probe is not on the phantom.
+    """
+    try:
+        found = Pose(x_mm, focal_depth_mm, angle_deg)
+        edge = int(Phantom().width_mm // 2)
+        if abs(found.x_mm) > edge:
+            raise ValueError(f"x_mm must be in [-{edge}, {edge}], where the phantom is, not {found.x_mm}.")
+        if found.focal_depth_mm > DEEPEST_MM:
+            raise ValueError(f"focal_depth_mm must be in [1, {DEEPEST_MM}], not {found.focal_depth_mm}.")
+        if frequency_mhz is None and dynamic_range_db is None:
+            return found
+        frequency_mhz = DEFAULT_ARRAY.center_frequency / 1e6 if frequency_mhz is None else frequency_mhz
+        range_db = whole_number(
+            "dynamic_range_db",
+            DEFAULT_IMAGING.dynamic_range_db if dynamic_range_db is None else dynamic_range_db,
+        )
+        if not isinstance(frequency_mhz, int | float) or not _within(frequency_mhz, FREQUENCY_MHZ):
+            low, high = FREQUENCY_MHZ
+            raise ValueError(f"frequency must be in [{low:g}, {high:g}] MHz, not {frequency_mhz!r}.")
+        if not _within(range_db, RANGE_DB):
+            raise ValueError(f"dynamic_range_db must be in [{RANGE_DB[0]}, {RANGE_DB[1]}], not {range_db}.")
+        return Setup(found.x_mm, found.focal_depth_mm, found.angle_deg, round(frequency_mhz * 1e3), range_db)
+    except (TypeError, ValueError) as error:
+        raise ConfigurationError(str(error)) from error
+
+
+def _within(value: float, limits: tuple[float, float]) -> bool:
+    return limits[0] <= value <= limits[1]  # also false for nan
+
+
+def label(task: str | None, number: Any = None) -> str:
+    """Return what a phantom is called, "" where it is that of the paper's tasks."""
+    if task is None or task in PAPER:
+        return ""
+    return f"{task}-{number or 0}" if ROWS[task].phantoms else task
+
+
+def phantom_of(task: str | None, number: Any = None) -> Phantom:
+    """Return the phantom of a task, where it has many that of this number (default 0).
+
+    Raises:
+        ConfigurationError: If there is no such task or number, or the task has one phantom alone.
+    """
+    try:
+        if task is not None and task not in ROWS:
+            raise unknown("task", task, ROWS)
+        environment: Any = load_env_creator(ROWS[task or PAPER[0]].entry_point)
+        if issubclass(environment, RandomPhantomEnv):
+            phantoms: PhantomDistribution = environment.distribution
+            return phantoms.phantom(phantom_number(0 if number is None else number))
+        if number is not None:
+            many = " and ".join(name for name, row in ROWS.items() if row.phantoms)
+            raise ValueError(f"--number is for {many}: every other task has one phantom.")
+        return environment.default_phantom  # type: ignore[no-any-return]
+    except (TypeError, ValueError) as error:
+        raise ConfigurationError(str(error)) from error
