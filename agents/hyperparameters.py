@@ -1,11 +1,10 @@
 """Type and range of every hyperparameter, in one place: what `VPG(...)`, the table and `--set` accept."""
 
-import difflib
-import reprlib
-from collections.abc import Iterable
 from dataclasses import dataclass
-from numbers import Integral, Real
+from numbers import Integral
 from typing import TypeAlias
+
+from usbench.checks import interval, number, whole_interval, whole_number
 
 Value: TypeAlias = bool | int | float
 
@@ -22,10 +21,10 @@ class Boolean:
         """`text` as a truth value, or unchanged where it is none."""
         return {"true": True, "false": False}.get(text.strip().lower(), text)
 
-    def check(self, value: object) -> bool:
+    def check(self, name: str, value: object) -> bool:
         """`value` itself; TypeError unless it is a truth value."""
         if not isinstance(value, bool):
-            raise TypeError
+            raise TypeError(f"{name} must be {self}, not {value!r}.")
         return value
 
 
@@ -38,7 +37,7 @@ class Whole:
 
     def __str__(self) -> str:
         """What is allowed, for error messages."""
-        return f"a whole number in [{self.low}, {self.high}]"
+        return whole_interval(self.low, self.high)
 
     def parse(self, text: str) -> object:
         """`text` as an integer, or unchanged where it is none."""
@@ -47,13 +46,11 @@ class Whole:
         except ValueError:
             return text
 
-    def check(self, value: object) -> int:
-        """`value` as int; TypeError or ValueError unless it is a whole number in the range."""
-        if isinstance(value, bool) or not isinstance(value, Integral):
-            raise TypeError
-        if not self.low <= int(value) <= self.high:
-            raise ValueError
-        return int(value)
+    def check(self, name: str, value: object) -> int:
+        """`value` as int; TypeError or ValueError unless it is a whole number in the range, and no float."""
+        if not isinstance(value, Integral):
+            raise TypeError(f"{name} must be {self}, not {value!r}.")
+        return whole_number(name, value, self.low, self.high)
 
 
 @dataclass(frozen=True)
@@ -67,8 +64,7 @@ class Number:
 
     def __str__(self) -> str:
         """What is allowed, for error messages."""
-        opening, closing = "(" if self.above else "[", ")" if self.below else "]"
-        return f"a number in {opening}{self.low:g}, {self.high:g}{closing}"
+        return interval(self.low, self.high, above=self.above, below=self.below)
 
     def parse(self, text: str) -> object:
         """`text` as a float, or unchanged where it is none."""
@@ -77,18 +73,9 @@ class Number:
         except ValueError:
             return text
 
-    def check(self, value: object) -> float:
+    def check(self, name: str, value: object) -> float:
         """`value` as float; TypeError or ValueError unless it is a number in the range."""
-        if isinstance(value, bool) or not isinstance(value, Real):
-            raise TypeError
-        number = float(value)
-        if (
-            not self.low <= number <= self.high
-            or (self.above and number == self.low)
-            or (self.below and number == self.high)
-        ):
-            raise ValueError
-        return number
+        return number(name, value, low=self.low, high=self.high, above=self.above, below=self.below)
 
 
 RANGES: dict[str, Boolean | Whole | Number] = {
@@ -133,10 +120,7 @@ def check(name: str, value: object) -> Value:
         TypeError: `value` has another type than the one declared in `RANGES`.
         ValueError: `value` is out of range.
     """
-    try:
-        return RANGES[name].check(value)
-    except (TypeError, ValueError) as error:
-        raise type(error)(f"{name} must be {RANGES[name]}, not {reprlib.repr(value)}.") from None
+    return RANGES[name].check(name, value)
 
 
 def parse(name: str, text: str) -> Value:
@@ -146,16 +130,4 @@ def parse(name: str, text: str) -> Value:
 
 def check_seed(seed: object) -> int:
     """`seed` as int; TypeError or ValueError unless it is a whole number that NumPy and torch take."""
-    allowed = Whole(0, 2**32 - 1)
-    try:
-        return allowed.check(seed)
-    except (TypeError, ValueError) as error:
-        raise type(error)(f"seed must be {allowed}, not {reprlib.repr(seed)}.") from None
-
-
-def unknown(kind: str, name: str, allowed: Iterable[str]) -> ValueError:
-    """The error for a `name` that is none of the `allowed`: names the closest one."""
-    names = sorted(allowed)
-    closest = difflib.get_close_matches(name, names, n=1)
-    hint = f"did you mean {closest[0]!r}? " if closest else ""
-    return ValueError(f"unknown {kind} {reprlib.repr(name)}: {hint}allowed are {', '.join(names) or 'none'}.")
+    return Whole(0, 2**32 - 1).check("seed", seed)

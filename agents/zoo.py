@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from usbench.agents import plugins
-from usbench.agents.hyperparameters import RANGES, Value, check, check_seed, parse, unknown
+from usbench.agents.hyperparameters import RANGES, Value, check, check_seed, parse
+from usbench.checks import unknown
 
 
 @dataclass(frozen=True)
@@ -232,7 +233,7 @@ def hyperparameters(
     merged = {**row.hyperparameters, **row.tasks.get(task, {}), **(row.presets[preset] if preset else {})}
     for name, value in (overrides or {}).items():
         if name not in row.hyperparameters or name not in RANGES:
-            raise unknown(f"hyperparameter of {algo}", name, row.hyperparameters.keys() & RANGES)
+            raise unknown(f"hyperparameter of {algo}", name, sorted(row.hyperparameters.keys() & RANGES))
         merged[name] = parse(name, value) if isinstance(value, str) else check(name, value)
     if merged.get("n_steps", 0) % merged.get("batch_size", 1):
         raise ValueError(

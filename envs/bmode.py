@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import numbers
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -11,6 +10,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 from scipy import sparse
+
+from usbench.checks import number, positive, whole_number
 
 
 @dataclass(frozen=True)
@@ -34,19 +35,9 @@ class Imaging:
     def __post_init__(self) -> None:
         """Refuse values that make no image."""
         for name in ("dynamic_range_db", "pixel_size"):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, numbers.Real):
-                raise TypeError(f"{name} must be a number, not {value!r}.")
-            if not math.isfinite(value) or value <= 0:
-                raise ValueError(f"{name} must be a positive number, not {value!r}.")
-            object.__setattr__(self, name, float(value))
+            object.__setattr__(self, name, positive(name, getattr(self, name)))
         for name in ("height_px", "width_px", "median_size"):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, numbers.Integral):
-                raise TypeError(f"{name} must be a whole number, not {value!r}.")
-            if value < 1:
-                raise ValueError(f"{name} must be a whole number from 1, not {value!r}.")
-            object.__setattr__(self, name, int(value))
+            object.__setattr__(self, name, whole_number(name, getattr(self, name), low=1))
         if self.median_size % 2 == 0:
             raise ValueError(f"median_size must be odd, not {self.median_size}.")
 
@@ -108,11 +99,9 @@ def bmode(
         raise ValueError(
             f"line_positions must be {decibels.shape[1]} increasing, equally spaced positions, not {lines!r}."
         )
-    for name, value in (("sampling_frequency", sampling_frequency), ("speed_of_sound", speed_of_sound)):
-        if not 0 < value < math.inf:
-            raise ValueError(f"{name} must be a positive number, not {value!r}.")
-    if not math.isfinite(time_zero):
-        raise ValueError(f"time_zero must be finite, not {time_zero!r}.")
+    positive("sampling_frequency", sampling_frequency)
+    positive("speed_of_sound", speed_of_sound)
+    number("time_zero", time_zero)
     step = speed_of_sound / (2 * sampling_frequency)
     rows = _resampling(
         len(decibels), time_zero * speed_of_sound / 2, step, imaging.height_px, imaging.pixel_size

@@ -8,6 +8,7 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
+from usbench.checks import probability, unknown
 from usbench.envs.anatomy.tissue import Anatomy
 from usbench.envs.bmode import Imaging
 from usbench.envs.frames import FrameStore, Tissue, frame_store
@@ -16,7 +17,7 @@ from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Move, Pose, coordinates, sin_deg
 from usbench.envs.probe import LinearArray
 from usbench.envs.scene_picture import draw_scene
-from usbench.envs.task import COORDINATES, IMAGE, REWARDS, Task, check_noise, check_reward, unknown
+from usbench.envs.task import COORDINATES, IMAGE, REWARDS, Task, check_reward
 
 T = TypeVar("T")
 
@@ -54,7 +55,7 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
         render_mode: str | None = None,
     ) -> None:
         """Check the configuration; nothing is simulated before the first reset."""
-        self.noise = check_noise(noise)
+        self.noise = probability("noise", noise)
         self.reward = check_reward(reward, self.task)
         self.phantom: Tissue = (
             self._fitting(phantom)

@@ -11,9 +11,10 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.envs.registration import load_env_creator
 
+from usbench.checks import probability, unknown
 from usbench.envs.guidance import GuidanceEnv
 from usbench.envs.pose import Move, Pose
-from usbench.envs.task import REWARDS, Task, check_noise, check_reward, unknown
+from usbench.envs.task import REWARDS, Task, check_reward
 
 PAPER_TARGET = Pose(0, 50, 0)
 
@@ -87,7 +88,7 @@ class Planner:
 
     def __init__(self, task: str | Task, noise: float = 0.0) -> None:
         """Nothing is planned yet; arguments and errors are those of `returns`."""
-        self._task, self._noise = _task(task), check_noise(noise)
+        self._task, self._noise = _task(task), probability("noise", noise)
         self._policies: dict[Pose, Policy] = {}
 
     @property
@@ -124,7 +125,7 @@ def returns(
         ValueError: If `task` or `reward` is unknown or `noise` outside [0, 1].
     """
     task = _task(task)
-    return _returns(task, check_noise(noise), _kind(task, reward), target, starts or task.starts)
+    return _returns(task, probability("noise", noise), _kind(task, reward), target, starts or task.starts)
 
 
 def policy(
@@ -132,7 +133,7 @@ def policy(
 ) -> Policy:
     """Return the optimal policy; arguments and errors are those of `returns`."""
     task = _task(task)
-    return _policy(task, check_noise(noise), _kind(task, reward), target)
+    return _policy(task, probability("noise", noise), _kind(task, reward), target)
 
 
 def _kind(task: Task, reward: str) -> str:

@@ -3,28 +3,16 @@
 from __future__ import annotations
 
 import math
-import numbers
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from usbench.envs.pose import Pose, cos_deg, sin_deg, whole_number
+from usbench.checks import non_negative, positive, whole_number
+from usbench.envs.pose import Pose, cos_deg, sin_deg
 
 _VIEW_MM3 = 40.0 * 10.0 * 90.0  # the volume in view, for which the paper's authors give their densities
-
-
-def _number(name: str, value: Any, *, zero_allowed: bool = False) -> float:
-    """Return `value` as a positive, finite float."""
-    if isinstance(value, bool | np.bool_) or not isinstance(value, numbers.Real):
-        raise TypeError(f"{name} must be a number, not {value!r}.")
-    if not math.isfinite(value) or value < 0 or (value == 0 and not zero_allowed):
-        raise ValueError(
-            f"{name} must be a {'non-negative' if zero_allowed else 'positive'} number, not {value!r}."
-        )
-    return float(value)
 
 
 @dataclass(frozen=True)
@@ -71,8 +59,8 @@ class ObjectOfInterest:
         for name in ("x_mm", "depth_mm", "angle_deg"):
             object.__setattr__(self, name, whole_number(name, getattr(self, name)))
         for name in ("scale", "body_radius_mm", "head_radius_mm", "leg_radius_mm"):
-            object.__setattr__(self, name, _number(name, getattr(self, name)))
-        object.__setattr__(self, "contrast", _number("contrast", self.contrast, zero_allowed=True))
+            object.__setattr__(self, name, positive(name, getattr(self, name)))
+        object.__setattr__(self, "contrast", non_negative("contrast", self.contrast))
         object.__setattr__(self, "angle_deg", self.angle_deg % 360)
 
     @property
@@ -127,22 +115,20 @@ class Phantom:
 
     def __post_init__(self) -> None:
         """Hold the values as plain numbers, or refuse them."""
-        object.__setattr__(self, "seed", whole_number("seed", self.seed))
-        if self.seed < 0:
-            raise ValueError(f"seed must be a whole number from 0, not {self.seed}.")
+        object.__setattr__(self, "seed", whole_number("seed", self.seed, low=0))
         if not isinstance(self.object_of_interest, ObjectOfInterest):
             raise TypeError(
                 f"object_of_interest must be an ObjectOfInterest, not {self.object_of_interest!r}."
             )
         for name in ("width_mm", "height_mm", "depth_mm"):
-            object.__setattr__(self, name, _number(name, getattr(self, name)))
+            object.__setattr__(self, name, positive(name, getattr(self, name)))
         for name in (
             "tissue_density_per_mm3",
             "object_density_per_mm3",
             "tissue_amplitude_std",
             "attenuation_db_per_cm_mhz",
         ):
-            object.__setattr__(self, name, _number(name, getattr(self, name), zero_allowed=True))
+            object.__setattr__(self, name, non_negative(name, getattr(self, name)))
         for ball in self.object_of_interest.balls:
             (x, y, z), r = ball.center_mm, ball.radius_mm
             if (

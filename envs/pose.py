@@ -7,30 +7,12 @@ x towards y, which is clockwise for somebody who looks down on the probe.
 from __future__ import annotations
 
 import math
-import numbers
 from dataclasses import dataclass, fields
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-
-def whole_number(name: str, value: Any) -> int:
-    """Return `value` as an int; 5, 5.0 and NumPy's integers are whole numbers, True and "5" are not.
-
-    Raises:
-        TypeError: If `value` is not a real number.
-        ValueError: If it is a number, but not a whole one.
-    """
-    if type(value) is int:  # by far the most frequent, and the check of numbers.Real is slow
-        return value
-    if isinstance(value, bool | np.bool_) or not isinstance(value, numbers.Real):
-        raise TypeError(f"{name} must be a whole number, not {value!r}.")
-    if isinstance(value, numbers.Integral):
-        return int(value)
-    if not float(value).is_integer():  # false for nan and inf as well
-        raise ValueError(f"{name} must be a whole number, not {value!r}.")
-    return int(float(value))
+from usbench.checks import whole_number
 
 
 def sin_deg(angle_deg: int) -> float:

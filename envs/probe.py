@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-import numbers
 from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
+
+from usbench.checks import non_negative, positive, whole_number
 
 _WHOLE = ("n_elements", "n_active", "n_lines", "n_elevation")
 
@@ -52,22 +53,13 @@ class LinearArray:
 
     def __post_init__(self) -> None:
         """Hold the values as plain numbers, or refuse them."""
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if isinstance(value, bool) or not isinstance(value, numbers.Real):
-                raise TypeError(f"{field.name} must be a number, not {value!r}.")
-            number, whole = float(value), field.name in _WHOLE
-            low = 0.0 if field.name == "kerf" else 1.0 if whole else math.nextafter(0.0, 1.0)
-            if not math.isfinite(number) or number < low or (whole and not number.is_integer()):
-                kind = (
-                    "a whole number from 1"
-                    if whole
-                    else "a non-negative number"
-                    if low == 0
-                    else "a positive number"
-                )
-                raise ValueError(f"{field.name} must be {kind}, not {value!r}.")
-            object.__setattr__(self, field.name, int(number) if whole else number)
+        for name in (field.name for field in fields(self)):
+            value = getattr(self, name)
+            if name in _WHOLE:
+                value = whole_number(name, value, low=1)
+            else:
+                value = non_negative(name, value) if name == "kerf" else positive(name, value)
+            object.__setattr__(self, name, value)
         if self.n_active > self.n_elements:
             raise ValueError(f"n_active must be at most n_elements = {self.n_elements}, not {self.n_active}.")
         if self.sampling_frequency < 7 * self.center_frequency:

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
-import numbers
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
-import numpy as np
-
+from usbench.checks import unknown
 from usbench.envs.pose import LIMITS, Limits, Move, Pose, coordinates
 
 REWARDS = ("normalized", "paper")
@@ -80,22 +77,6 @@ class Task:
     def indices(self) -> dict[Pose, int]:
         """The place of every pose in `states`."""
         return {pose: index for index, pose in enumerate(self.states)}
-
-
-def unknown(what: str, value: object, allowed: Collection[str]) -> ValueError:
-    """Return the error for a name that is not one of `allowed`, with the closest of them."""
-    close = difflib.get_close_matches(str(value).lower(), allowed, n=1, cutoff=0.5)
-    hint = f" (did you mean {close[0]!r}?)" if close else ""
-    return ValueError(f"unknown {what} {value!r}{hint}: allowed are {', '.join(map(repr, allowed))}.")
-
-
-def check_noise(noise: object) -> float:
-    """Return the probability of noise as a float, or raise TypeError or ValueError."""
-    if isinstance(noise, bool | np.bool_) or not isinstance(noise, numbers.Real):
-        raise TypeError(f"noise must be a probability in [0, 1], not {noise!r}.")
-    if not 0 <= float(noise) <= 1:  # also false for nan
-        raise ValueError(f"noise must be a probability in [0, 1], not {noise!r}.")
-    return float(noise)
 
 
 def check_reward(reward: object, task: Task, kinds: Collection[str] = (*REWARDS, IMAGE)) -> str:

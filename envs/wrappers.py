@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-import numbers
 from collections import deque
 from typing import Any
 
@@ -11,7 +9,7 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
-from usbench.envs.pose import whole_number
+from usbench.checks import number, positive, whole_number
 
 # Mean and standard deviation of the pixels in all frames of both tasks, held to them by a slow test.
 MEAN, STD = 46.5, 52.9
@@ -34,9 +32,7 @@ class ImageStack(
         """Check the arguments and set the observation space."""
         gym.utils.RecordConstructorArgs.__init__(self, n_frames=n_frames)
         gym.Wrapper.__init__(self, env)
-        self.n_frames = whole_number("n_frames", n_frames)
-        if self.n_frames < 1:
-            raise ValueError(f"n_frames must be at least 1, not {n_frames!r}.")
+        self.n_frames = whole_number("n_frames", n_frames, low=1)
         space = _image_space("ImageStack", env)
         low, high = (np.tile(bound, self.n_frames) for bound in (space.low, space.high))
         self.observation_space = gym.spaces.Box(low, high, dtype=np.uint8)
@@ -81,14 +77,7 @@ class NormalizeImage(
         """Check the arguments and set the observation space."""
         gym.utils.RecordConstructorArgs.__init__(self, mean=mean, std=std)
         gym.ObservationWrapper.__init__(self, env)
-        for name, value in (("mean", mean), ("std", std)):
-            if isinstance(value, bool | np.bool_) or not isinstance(value, numbers.Real):
-                raise TypeError(f"{name} must be a number, not {value!r}.")
-            if not math.isfinite(value):
-                raise ValueError(f"{name} must be finite, not {value!r}.")
-        if std <= 0:
-            raise ValueError(f"std must be positive, not {std!r}.")
-        self.mean, self.std = np.float32(mean), np.float32(std)
+        self.mean, self.std = np.float32(number("mean", mean)), np.float32(positive("std", std))
         space = _image_space("NormalizeImage", env)
         self.observation_space = gym.spaces.Box(
             self.observation(space.low), self.observation(space.high), dtype=np.float32

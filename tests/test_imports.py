@@ -17,6 +17,8 @@ READERS = (
     "usbench.report.page", "usbench.cli.console", "usbench.cli",
 )  # fmt: skip
 LEARNING = {"gymnasium", "torch", "stable_baselines3"}
+# What all of usbench stands on.
+GROUND = ("usbench.checks", "usbench.atomic", "usbench.anchors")
 
 
 def modules():
@@ -64,17 +66,26 @@ def test_physics_stands_in_a_line():
         assert not imported(ROOT / "envs" / f"{name}.py") & below, name
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "agents").glob("*.py")), ids=lambda path: path.stem)
+def foreign(path, *allowed):
+    """What a module imports of the project beside the `allowed` packages."""
+    own = {name for name in imported(path) if name.split(".")[0] == "usbench"}
+    return {name for name in own if not any(f"{name}.".startswith(f"{one}.") for one in allowed)}
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "agents").rglob("*.py")), ids=lambda path: path.stem)
 def test_agents_meet_environments_only_through_gymnasium(path):
-    assert not [name for name in imported(path) if name.startswith("usbench.envs")]
-    own = {name for name in imported(path) if name.startswith("usbench")}
-    assert all(name.startswith("usbench.agents") for name in own)
+    assert not foreign(path, "usbench.agents", *GROUND)
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "envs").glob("*.py")), ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", sorted((ROOT / "envs").rglob("*.py")), ids=lambda path: path.stem)
 def test_environments_import_only_environments(path):
-    own = {name for name in imported(path) if name.startswith("usbench.") or name == "usbench"}
-    assert all(name.startswith("usbench.envs") for name in own)
+    assert not foreign(path, "usbench.envs", *GROUND)
+
+
+@pytest.mark.parametrize("name", GROUND)
+def test_the_ground_floor_imports_nothing_of_the_project(name):
+    path = ROOT / f"{name.replace('.', '/')}.py"
+    assert not path.exists() or not foreign(path)
 
 
 def test_readers_of_records_import_no_torch():

@@ -2,29 +2,18 @@
 
 from __future__ import annotations
 
-import math
-import numbers
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from usbench.checks import number
 from usbench.envs.anatomy.volume import Volume
 
 Array = npt.NDArray[np.float64]
 
 # Axes of the file's world, and those of its voxels.
 AXES = tuple(f"{sign}{axis}" for axis in "xyzijk" for sign in ("", "-"))
-
-
-def finite(name: str, value: Any) -> float:
-    """Return `value` as a finite float, or raise TypeError or ValueError."""
-    if isinstance(value, bool | np.bool_) or not isinstance(value, numbers.Real):
-        raise TypeError(f"{name} must be a number, not {value!r}.")
-    if not math.isfinite(value):
-        raise ValueError(f"{name} must be a finite number, not {value!r}.")
-    return float(value)
 
 
 @dataclass(frozen=True)
@@ -55,7 +44,7 @@ class Placement:
             if getattr(self, name) not in AXES:
                 raise ValueError(f"{name} must be one of {', '.join(AXES)}, not {getattr(self, name)!r}.")
         for name in ("center_x_mm", "center_y_mm", "skin_mm"):
-            object.__setattr__(self, name, finite(name, getattr(self, name)))
+            object.__setattr__(self, name, number(name, getattr(self, name)))
 
     def frame(self, volume: Volume) -> tuple[Array, Array]:
         """Return the probe's zero (3,) mm and its axes x, y, z as columns (3, 3) in the file's world.

@@ -13,12 +13,13 @@ from typing import Any, ClassVar, Self, cast
 import numpy as np
 import numpy.typing as npt
 
-from usbench.envs.anatomy.placement import Placement, finite
+from usbench.checks import non_negative, number, positive, whole_number
+from usbench.envs.anatomy.placement import Placement
 from usbench.envs.anatomy.volume import Volume
 from usbench.envs.anatomy.volume_file import read
 from usbench.envs.bmode import Imaging
 from usbench.envs.phantom import Phantom
-from usbench.envs.pose import Pose, cos_deg, sin_deg, whole_number
+from usbench.envs.pose import Pose, cos_deg, sin_deg
 from usbench.envs.probe import LinearArray
 from usbench.envs.scanner import scan_batch
 
@@ -127,24 +128,14 @@ class Echogenicity(Anatomy):
 
     def __post_init__(self) -> None:
         """Hold the values as plain ones, or refuse them."""
-        object.__setattr__(self, "seed", whole_number("seed", self.seed))
-        if self.seed < 0:
-            raise ValueError(f"seed must be a whole number from 0, not {self.seed}.")
-        density = finite("density_per_mm3", self.density_per_mm3)
-        if not 0 < density <= MAX_DENSITY_PER_MM3:
-            raise ValueError(
-                f"density_per_mm3 must be above 0 and at most {MAX_DENSITY_PER_MM3:g}, not {density:g}."
-            )
+        density = number("density_per_mm3", self.density_per_mm3, low=0, high=MAX_DENSITY_PER_MM3, above=True)
         object.__setattr__(self, "density_per_mm3", density)
+        object.__setattr__(self, "seed", whole_number("seed", self.seed, low=0))
         if self.dynamic_range_db is not None:
-            range_db = finite("dynamic_range_db", self.dynamic_range_db)
-            if range_db <= 0:
-                raise ValueError(f"dynamic_range_db must be positive, or None, not {range_db:g}.")
+            range_db = positive("dynamic_range_db", self.dynamic_range_db)
             object.__setattr__(self, "dynamic_range_db", range_db)
-        attenuation = finite("attenuation_db_per_cm_mhz", self.attenuation_db_per_cm_mhz)
-        if attenuation < 0:
-            raise ValueError(f"attenuation_db_per_cm_mhz must be 0 or more, not {attenuation:g}.")
-        object.__setattr__(self, "attenuation_db_per_cm_mhz", attenuation)
+        loss = non_negative("attenuation_db_per_cm_mhz", self.attenuation_db_per_cm_mhz)
+        object.__setattr__(self, "attenuation_db_per_cm_mhz", loss)
 
     def in_view(
         self, pose: Pose, half_width_m: float = 0.020, half_thickness_m: float = 0.005

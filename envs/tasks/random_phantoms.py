@@ -8,10 +8,11 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from usbench.checks import whole_number
 from usbench.envs.field.response_table import keep_tables
 from usbench.envs.guidance import GuidanceEnv
 from usbench.envs.phantom import ObjectOfInterest, Phantom
-from usbench.envs.pose import Pose, whole_number
+from usbench.envs.pose import Pose
 from usbench.envs.tasks.focal_point import FOCAL_POINT
 from usbench.envs.tasks.probe_plane import PROBE_PLANE
 
@@ -22,10 +23,7 @@ LAST = 2**32 - 1
 
 def phantom_number(value: Any) -> int:
     """Return `value` as the number of a phantom, or raise TypeError or ValueError."""
-    number = whole_number("phantom", value)
-    if not 0 <= number <= LAST:
-        raise ValueError(f"phantom must be a whole number in [0, {LAST}], not {number}.")
-    return number
+    return whole_number("phantom", value, 0, LAST)
 
 
 @dataclass(frozen=True)

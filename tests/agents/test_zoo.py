@@ -93,7 +93,7 @@ def test_truth_values_are_parsed() -> None:
 
     assert [Boolean().parse(text) for text in ("true", "False")] == [True, False]
     with pytest.raises(TypeError):
-        Boolean().check(Boolean().parse("1"))
+        Boolean().check("x", Boolean().parse("1"))
 
 
 @pytest.mark.parametrize(
@@ -116,7 +116,7 @@ def test_truth_values_are_parsed() -> None:
         ({"learning_rate": [1e-3]}, "learning_rate must be"),
         (
             {"n_valuesteps": "8"},
-            "unknown hyperparameter of vpg 'n_valuesteps': did you mean 'n_value_steps'?",
+            "unknown hyperparameter of vpg 'n_valuesteps' .did you mean 'n_value_steps'",
         ),
         ({"policy": "x"}, "unknown hyperparameter of vpg 'policy'"),
     ],
@@ -167,11 +167,11 @@ def test_refuses_a_batch_that_does_not_divide_the_rollout() -> None:
 
 
 def test_refuses_unknown_names() -> None:
-    with pytest.raises(ValueError, match="unknown algorithm 'vgp': did you mean 'vpg'?"):
+    with pytest.raises(ValueError, match="unknown algorithm 'vgp' .did you mean 'vpg'"):
         zoo.hyperparameters("vgp", "pp", {})
-    with pytest.raises(ValueError, match="allowed are a2c, .*, oracle, .*, vpg"):
+    with pytest.raises(ValueError, match="allowed are 'vpg', 'a2c', .*, 'oracle'"):
         zoo.make("", Noise(), 0, {})
-    with pytest.raises(ValueError, match="unknown preset of vpg 'spinupp': did you mean 'spinup'?"):
+    with pytest.raises(ValueError, match="unknown preset of vpg 'spinupp' .did you mean 'spinup'"):
         zoo.hyperparameters("vpg", "pp", {}, preset="spinupp")
     with pytest.raises(ValueError, match="unknown hyperparameter of random 'gamma': allowed are none"):
         zoo.hyperparameters("random", "pp", {"gamma": "0.9"})

@@ -92,7 +92,7 @@ def test_what_is_no_attenuation_is_refused(value):
 
 
 def test_a_text_is_refused():
-    with pytest.raises(TypeError, match="attenuation_db_per_cm_mhz must be a number, not '0.5'"):
+    with pytest.raises(TypeError, match="attenuation_db_per_cm_mhz must be a non-negative number, not '0.5'"):
         Phantom(attenuation_db_per_cm_mhz="0.5")
 
 

@@ -214,7 +214,7 @@ def test_refuses_rates_and_speeds(name, value):
 
 @pytest.mark.parametrize("value", [math.nan, -math.inf])
 def test_refuses_a_time_zero(value):
-    with pytest.raises(ValueError, match=f"^time_zero must be finite, not {value}"):
+    with pytest.raises(ValueError, match=f"^time_zero must be a finite number, not {value}"):
         bmode(np.ones((100, 64)), FS, LINES, time_zero=value)
 
 
@@ -227,7 +227,7 @@ def test_refuses_imaging(name, value):
 
 @pytest.mark.parametrize("name", ["height_px", "width_px", "median_size"])
 def test_refuses_broken_pixels(name):
-    with pytest.raises(TypeError, match=f"{name} must be a whole number, not 3.5"):
+    with pytest.raises(ValueError, match=f"{name} must be a whole number from 1, not 3.5"):
         Imaging(**{name: 3.5})
 
 

@@ -131,7 +131,7 @@ def test_arrays_are_read_only_and_a_pickle_is_small(phantom):
         ({"seed": "1"}, TypeError, "seed must be a whole number"),
         ({"width_mm": 0}, ValueError, "width_mm must be a positive number"),
         ({"depth_mm": float("nan")}, ValueError, "depth_mm must be a positive number"),
-        ({"height_mm": "80"}, TypeError, "height_mm must be a number"),
+        ({"height_mm": "80"}, TypeError, "height_mm must be a positive number"),
         ({"tissue_density_per_mm3": -1}, ValueError, "tissue_density_per_mm3 must be a non-negative number"),
         ({"object_density_per_mm3": -1}, ValueError, "object_density_per_mm3 must be a non-negative number"),
         (
@@ -154,7 +154,7 @@ def test_a_bad_phantom_is_refused(configuration, error, message):
         ({"scale": 0}, ValueError, "scale must be a positive number"),
         ({"contrast": -1}, ValueError, "contrast must be a non-negative number"),
         ({"x_mm": 0.5}, ValueError, "x_mm must be a whole number"),
-        ({"leg_radius_mm": "4"}, TypeError, "leg_radius_mm must be a number"),
+        ({"leg_radius_mm": "4"}, TypeError, "leg_radius_mm must be a positive number"),
     ],
 )
 def test_a_bad_object_is_refused(configuration, error, message):

@@ -167,16 +167,20 @@ def test_wrapped_environments_pickle_and_are_made_again_from_their_spec():
 @pytest.mark.parametrize(
     ("wrap", "error", "message"),
     [
-        (lambda env: ImageStack(env, 0), ValueError, "n_frames must be at least 1, not 0"),
-        (lambda env: ImageStack(env, 1.5), ValueError, "n_frames must be a whole number, not 1.5"),
-        (lambda env: ImageStack(env, "4"), TypeError, "n_frames must be a whole number, not '4'"),
+        (lambda env: ImageStack(env, 0), ValueError, "n_frames must be a whole number from 1, not 0"),
+        (lambda env: ImageStack(env, 1.5), ValueError, "n_frames must be a whole number from 1, not 1.5"),
+        (lambda env: ImageStack(env, "4"), TypeError, "n_frames must be a whole number from 1, not '4'"),
         (lambda env: ImageStack(NormalizeImage(env)), TypeError, "ImageStack needs .* uint8 images"),
         (lambda env: NormalizeImage(NormalizeImage(env)), TypeError, "NormalizeImage needs .* uint8 images"),
-        (lambda env: NormalizeImage(env, std=0), ValueError, "std must be positive, not 0"),
-        (lambda env: NormalizeImage(env, std=-1.0), ValueError, "std must be positive, not -1.0"),
-        (lambda env: NormalizeImage(env, mean=float("nan")), ValueError, "mean must be finite, not nan"),
-        (lambda env: NormalizeImage(env, mean="0"), TypeError, "mean must be a number, not '0'"),
-        (lambda env: NormalizeImage(env, std=True), TypeError, "std must be a number, not True"),
+        (lambda env: NormalizeImage(env, std=0), ValueError, "std must be a positive number, not 0"),
+        (lambda env: NormalizeImage(env, std=-1.0), ValueError, "std must be a positive number, not -1.0"),
+        (
+            lambda env: NormalizeImage(env, mean=float("nan")),
+            ValueError,
+            "mean must be a finite number, not nan",
+        ),
+        (lambda env: NormalizeImage(env, mean="0"), TypeError, "mean must be a finite number, not '0'"),
+        (lambda env: NormalizeImage(env, std=True), TypeError, "std must be a positive number, not True"),
     ],
 )
 def test_bad_arguments_are_refused(wrap, error, message):

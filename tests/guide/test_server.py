@@ -70,7 +70,7 @@ def test_buttons_answer_with_the_new_state(url):
 @pytest.mark.parametrize(
     ("route", "body", "sentence"),
     [
-        ("act", {"action": 7}, "action must be from 0 to 4, not 7."),
+        ("act", {"action": 7}, "action must be a whole number in [0, 4], not 7."),
         ("act", {"steps": 7}, "no other keys than ['action']"),
         ("act", {}, "action"),
         ("act", [], "must be an object"),
@@ -122,7 +122,7 @@ def test_port_that_is_none_is_refused(port):
     ("arguments", "sentence"),
     [
         (["nowhere"], "'nowhere' is not the folder of a trial"),
-        (["--port", "http"], "port must be a whole number from 0 to 65535, not 'http'."),
+        (["--port", "http"], "port must be a whole number in [0, 65535], not 'http'."),
         (["--task", "xp"], "unknown task 'xp'"),
         (
             ["--task", "setup"],

@@ -68,7 +68,7 @@ def test_phantoms_have_names_but_for_the_papers():
         (None, 3, "--number is for fp-random and pp-random"),
         ("pp-random", -1, r"phantom must be a whole number in \[0, 4294967295\], not -1"),
         ("pp-random", 2**32, "not 4294967296"),
-        ("pp-random", 0.5, "phantom must be a whole number, not 0.5"),
+        ("pp-random", 0.5, r"phantom must be a whole number in \[0, 4294967295\], not 0.5"),
         ("pp-random", "first", "'first'"),
     ],
 )

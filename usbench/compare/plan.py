@@ -6,7 +6,7 @@ from typing import Any
 
 import pandas as pd
 
-from usbench.envs.pose import whole_number
+from usbench.checks import whole_number
 from usbench.figures import comparison
 from usbench.records import ConfigurationError, TrialConfig
 from usbench.results import leaderboard, scores, tables
@@ -43,12 +43,9 @@ def plan(
 def positive(name: str, value: Any) -> int:
     """Return `value` as a whole number of at least 1; ConfigurationError if it is none."""
     try:
-        number = whole_number(name, value)
-        if number < 1:
-            raise ValueError(f"{name} must be a whole number of at least 1, not {value}.")
+        return whole_number(name, value, low=1)
     except (TypeError, ValueError) as error:
         raise ConfigurationError(str(error)) from error
-    return number
 
 
 def prepare(path: Path) -> Path:

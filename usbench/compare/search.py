@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from usbench import records, suite
-from usbench.agents.hyperparameters import unknown
 from usbench.agents.search_space import SPACES, Choice, Log
 from usbench.agents.zoo import hyperparameters
 from usbench.atomic import atomic_file
+from usbench.checks import unknown
 from usbench.compare import sweep
 from usbench.compare.plan import positive
 from usbench.records import ConfigurationError, TrialConfig

@@ -8,10 +8,11 @@ import numpy as np
 import numpy.typing as npt
 
 from usbench import suite
+from usbench.checks import whole_number
 from usbench.envs import oracle
 from usbench.envs.anatomy.tissue import Anatomy
 from usbench.envs.frames import frame_store
-from usbench.envs.pose import Move, whole_number
+from usbench.envs.pose import Move
 from usbench.envs.task import COORDINATES
 from usbench.watch import episode
 from usbench.watch.advice import Advice, Adviser
@@ -113,9 +114,7 @@ class Examination:
             TypeError: If `action` is not a number.
             ValueError: If it is not an action of the task, or the episode is over.
         """
-        action = whole_number("action", action)
-        if not 0 <= action < len(self.guidance.actions):
-            raise ValueError(f"action must be from 0 to {len(self.guidance.actions) - 1}, not {action}.")
+        action = whole_number("action", action, 0, len(self.guidance.actions) - 1)
         if self.over:
             raise ValueError(f"the episode is over after {len(self.actions)} steps: begin a new one.")
         move = self.guidance.actions[action].move

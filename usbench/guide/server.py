@@ -12,7 +12,7 @@ from typing import Any
 
 import torch
 
-from usbench.envs.pose import whole_number
+from usbench.checks import whole_number
 from usbench.guide.session import Session
 from usbench.records import ConfigurationError
 
@@ -81,11 +81,9 @@ def listening(port: Any = 0) -> Iterator[socket.socket]:
         ConfigurationError: If `port` is no port, or taken.
     """
     try:
-        number = whole_number("port", port)
-    except (TypeError, ValueError):
-        number = -1
-    if not 0 <= number <= 65535:
-        raise ConfigurationError(f"port must be a whole number from 0 to 65535, not {port!r}.")
+        number = whole_number("port", port, 0, 65535)
+    except (TypeError, ValueError) as error:
+        raise ConfigurationError(str(error)) from error
     try:
         listener = socket.create_server((HOST, number))
     except OSError as error:

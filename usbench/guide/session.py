@@ -9,7 +9,7 @@ import numpy as np
 
 from usbench import suite
 from usbench.agents.hyperparameters import check_seed
-from usbench.envs.task import check_noise, unknown
+from usbench.checks import probability, unknown
 from usbench.guide import agents as guide_agents
 from usbench.guide import view
 from usbench.guide.agents import ORACLE, Known
@@ -216,7 +216,7 @@ def _task(task: Any, allowed: Collection[str]) -> str:
 
 def _noise(noise: Any) -> float:
     try:
-        return check_noise(noise)
+        return probability("noise", noise)
     except (TypeError, ValueError) as error:
         raise ConfigurationError(str(error)) from error
 

@@ -8,11 +8,12 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from usbench.checks import unknown
 from usbench.cli.arguments import number, setting
 from usbench.envs.anatomy.placement import Placement
 from usbench.envs.anatomy.tissue import Anatomy, Echogenicity, Recording
 from usbench.envs.pose import Pose
-from usbench.envs.task import COORDINATES, unknown
+from usbench.envs.task import COORDINATES
 from usbench.records import VOLUME, ConfigurationError
 
 KINDS: Mapping[str, type[Anatomy]] = MappingProxyType({"simulated": Echogenicity, "recorded": Recording})

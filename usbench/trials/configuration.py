@@ -6,10 +6,11 @@ from typing import Any
 
 from usbench import suite
 from usbench.agents import zoo
-from usbench.agents.hyperparameters import check_seed, unknown
+from usbench.agents.hyperparameters import check_seed
+from usbench.checks import probability, unknown, whole_number
 from usbench.envs.anatomy.tissue import Anatomy
-from usbench.envs.pose import Pose, whole_number
-from usbench.envs.task import IMAGE, Task, check_noise, check_reward
+from usbench.envs.pose import Pose
+from usbench.envs.task import IMAGE, Task, check_reward
 from usbench.records import ConfigurationError, TrialConfig
 from usbench.trials import anatomy_record
 
@@ -60,14 +61,10 @@ def resolve(
         if "buffer_size" in hyperparameters and "buffer_size" not in (overrides or {}):
             budget = suite.TASKS[task].steps
             hyperparameters["buffer_size"] = max(int(hyperparameters["buffer_size"]), budget)
-        noise = check_noise(noise)
+        noise = probability("noise", noise)
         seed = check_seed(seed)
-        steps = whole_number("steps", suite.TASKS[task].steps if steps is None else steps)
-        if steps < 1:
-            raise ValueError(f"steps must be a whole number of at least 1, not {steps}.")
-        n_frames = whole_number("n_frames", n_frames)
-        if not 1 <= n_frames <= MAX_FRAMES:
-            raise ValueError(f"n_frames must be a whole number in [1, {MAX_FRAMES}], not {n_frames}.")
+        steps = whole_number("steps", suite.TASKS[task].steps if steps is None else steps, low=1)
+        n_frames = whole_number("n_frames", n_frames, 1, MAX_FRAMES)
         check_reward(reward, suite.TASKS[task].guidance, TRAINED_ON)
         if anatomy is not None:
             _check_takes(task, anatomy)

@@ -4,12 +4,12 @@ from typing import Any
 
 from gymnasium.envs.registration import load_env_creator
 
+from usbench.checks import unknown, whole_number
 from usbench.envs.bmode import DEFAULT_IMAGING
 from usbench.envs.phantom import Phantom
-from usbench.envs.pose import Pose, whole_number
+from usbench.envs.pose import Pose
 from usbench.envs.probe import DEFAULT_ARRAY
 from usbench.envs.settings import Setup
-from usbench.envs.task import unknown
 from usbench.envs.tasks.random_phantoms import PhantomDistribution, RandomPhantomEnv, phantom_number
 from usbench.records import ConfigurationError
 from usbench.tasks import PAPER, ROWS

@@ -76,10 +76,10 @@ def test_the_probes_zero_is_shifted_along_its_own_axes():
         ({"down": "w"}, ValueError, "down must be one of x, -x, .* not 'w'"),
         ({"lateral": "+x"}, ValueError, "lateral must be one of .* not '\\+x'"),
         ({"lateral": 1}, ValueError, "lateral must be one of .* not 1"),
-        ({"skin_mm": "deep"}, TypeError, "skin_mm must be a number, not 'deep'"),
+        ({"skin_mm": "deep"}, TypeError, "skin_mm must be a finite number, not 'deep'"),
         ({"center_x_mm": float("nan")}, ValueError, "center_x_mm must be a finite number, not nan"),
         ({"center_y_mm": float("inf")}, ValueError, "center_y_mm must be a finite number, not inf"),
-        ({"skin_mm": True}, TypeError, "skin_mm must be a number, not True"),
+        ({"skin_mm": True}, TypeError, "skin_mm must be a finite number, not True"),
     ],
 )
 def test_what_is_no_placement_is_refused(settings, error, said):

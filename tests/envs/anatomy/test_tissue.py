@@ -116,11 +116,15 @@ def test_a_turned_image_that_the_probe_misses_with_all_its_planes_is_refused(ima
     [
         ({"seed": -1}, ValueError, "seed .* not -1"),
         ({"seed": 1.5}, ValueError, "seed .* not 1.5"),
-        ({"density_per_mm3": 0.0}, ValueError, "above 0 and at most 10, not 0"),
-        ({"density_per_mm3": 11}, ValueError, "above 0 and at most 10, not 11"),
-        ({"density_per_mm3": "many"}, TypeError, "density_per_mm3 must be a number, not 'many'"),
-        ({"dynamic_range_db": 0}, ValueError, "dynamic_range_db must be positive, or None, not 0"),
-        ({"dynamic_range_db": "60 dB"}, TypeError, "dynamic_range_db must be a number, not '60 dB'"),
+        ({"density_per_mm3": 0.0}, ValueError, r"density_per_mm3 must be a number in \(0, 10\], not 0"),
+        ({"density_per_mm3": 11}, ValueError, r"density_per_mm3 must be a number in \(0, 10\], not 11"),
+        (
+            {"density_per_mm3": "many"},
+            TypeError,
+            r"density_per_mm3 must be a number in \(0, 10\], not 'many'",
+        ),
+        ({"dynamic_range_db": 0}, ValueError, "dynamic_range_db must be a positive number, not 0"),
+        ({"dynamic_range_db": "60 dB"}, TypeError, "dynamic_range_db must be a positive number, not '60 dB'"),
         ({"placement": Placement("x", "-x")}, ValueError, "right angles, not 'x' and '-x'"),
     ],
 )

@@ -1,0 +1,106 @@
+"""What a user may pass: numbers, whole numbers, probabilities and names, checked alike everywhere.
+
+A value comes in, and goes out as a plain Python number; one that is not allowed is refused in one sentence,
+with the value and what is allowed. This module imports nothing of the project, so that all of it can use it.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import numbers
+import reprlib
+from collections.abc import Collection
+from typing import Any
+
+
+def number(
+    name: str,
+    value: Any,
+    *,
+    low: float = -math.inf,
+    high: float = math.inf,
+    above: bool = False,
+    below: bool = False,
+) -> float:
+    """Return `value` as a finite float in [low, high]: above `low` where `above`, below `high` where `below`.
+
+    Raises:
+        TypeError: If `value` is not a real number; True and "5" are none.
+        ValueError: If it is not finite, or outside the interval.
+    """
+    if isinstance(value, bool) or not isinstance(value, numbers.Real):
+        raise TypeError(_refused(name, value, interval(low, high, above=above, below=below)))
+    found = float(value)
+    inside = low <= found <= high and not (above and found == low) and not (below and found == high)
+    if not (inside and math.isfinite(found)):
+        raise ValueError(_refused(name, value, interval(low, high, above=above, below=below)))
+    return found
+
+
+def positive(name: str, value: Any) -> float:
+    """Return `value` as a finite float above 0; errors are those of `number`."""
+    return number(name, value, low=0.0, above=True)
+
+
+def non_negative(name: str, value: Any) -> float:
+    """Return `value` as a finite float from 0; errors are those of `number`."""
+    return number(name, value, low=0.0)
+
+
+def probability(name: str, value: Any) -> float:
+    """Return `value` as a float in [0, 1].
+
+    Raises:
+        TypeError: If `value` is not a real number.
+        ValueError: If it is outside [0, 1].
+    """
+    try:
+        return number(name, value, low=0.0, high=1.0)
+    except (TypeError, ValueError) as error:
+        raise type(error)(_refused(name, value, "a probability in [0, 1]")) from None
+
+
+def whole_number(name: str, value: Any, low: float = -math.inf, high: float = math.inf) -> int:
+    """Return `value` as an int in [low, high]; 5, 5.0 and NumPy's integers are whole numbers.
+
+    Raises:
+        TypeError: If `value` is not a real number; True and "5" are none.
+        ValueError: If it is a number, but not a whole one, or outside the interval.
+    """
+    if type(value) is int and low <= value <= high:  # by far the most frequent: `numbers.Real` is slow
+        return value
+    if isinstance(value, bool) or not isinstance(value, numbers.Real):
+        raise TypeError(_refused(name, value, whole_interval(low, high)))
+    is_whole = isinstance(value, numbers.Integral) or float(value).is_integer()  # false for nan and inf
+    if not is_whole or not low <= value <= high:
+        raise ValueError(_refused(name, value, whole_interval(low, high)))
+    return int(value)
+
+
+def interval(low: float, high: float, *, above: bool = False, below: bool = False) -> str:
+    """Return in words which numbers `number` allows."""
+    if math.isinf(low) and math.isinf(high):
+        return "a finite number"
+    if low == 0 and math.isinf(high):
+        return "a positive number" if above else "a non-negative number"
+    return f"a number in {'(' if above else '['}{low:g}, {high:g}{')' if below else ']'}"
+
+
+def whole_interval(low: float, high: float) -> str:
+    """Return in words which numbers `whole_number` allows."""
+    if math.isinf(low) and math.isinf(high):
+        return "a whole number"
+    return f"a whole number from {low}" if math.isinf(high) else f"a whole number in [{low}, {high}]"
+
+
+def unknown(what: str, name: object, allowed: Collection[str]) -> ValueError:
+    """Return the error for a `name` that is not one of `allowed`; it says a close one, if there is one."""
+    close = difflib.get_close_matches(str(name).lower(), allowed, n=1, cutoff=0.5)
+    hint = f" (did you mean {close[0]!r}?)" if close else ""
+    listed = ", ".join(map(repr, allowed)) or "none"
+    return ValueError(f"unknown {what} {reprlib.repr(name)}{hint}: allowed are {listed}.")
+
+
+def _refused(name: str, value: object, allowed: str) -> str:
+    return f"{name} must be {allowed}, not {reprlib.repr(value)}."
