@@ -8,8 +8,6 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import os
-import tempfile
-import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,9 +15,11 @@ import numpy as np
 import numpy.typing as npt
 import platformdirs
 
+from usbench.atomic import LEFT_BEHIND_S, atomic_file, remove_leftovers
+
 MAX_BYTES = 250_000_000
-# A file is written in seconds: one that old was left behind by a process that was killed.
-ABANDONED_AFTER_S = 3600.0
+# Of files that a killed process began to write.
+_LEFTOVERS = ".frames-*.part"
 
 
 @dataclass(frozen=True)
@@ -84,16 +84,8 @@ def write(path: Path, contents: Contents) -> None:
         OSError: If the folder cannot be written.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.NamedTemporaryFile(dir=path.parent, prefix="frames-", suffix=".tmp", delete=False) as file:
-        try:
-            np.savez(file, **vars(contents), checksum=_checksum(path.name, contents))
-            file.flush()
-            os.fsync(file.fileno())
-            file.close()
-            os.replace(file.name, path)
-        except BaseException:
-            Path(file.name).unlink(missing_ok=True)
-            raise
+    with atomic_file(path) as file:
+        np.savez(file, **vars(contents), checksum=_checksum(path.name, contents))
     _prune(path)
 
 
@@ -111,9 +103,10 @@ def entries() -> list[Entry]:
 def clear() -> tuple[int, int]:
     """Remove all files of frames; return how many there were, and their bytes."""
     folder = cache_folder()
-    files = [*_files(folder, "frames-*.npz"), *_abandoned(folder)]
+    files = _files(folder, "frames-*.npz")
     for _, _, path in files:
         path.unlink(missing_ok=True)
+    remove_leftovers(folder, _LEFTOVERS, LEFT_BEHIND_S)
     return len(files), sum(size for _, size, _ in files)
 
 
@@ -135,19 +128,12 @@ def _files(folder: Path, pattern: str) -> list[tuple[float, int, Path]]:
     return sorted(found, reverse=True)
 
 
-def _abandoned(folder: Path) -> list[tuple[float, int, Path]]:
-    """Return the files, as `_files` does, that a process began and never ended."""
-    return [file for file in _files(folder, "frames-*.tmp") if time.time() - file[0] > ABANDONED_AFTER_S]
-
-
 def _prune(kept: Path) -> None:
-    """Drop what was abandoned, and the files used longest ago above MAX_BYTES; `kept` stays."""
-    drop = [path for _, _, path in _abandoned(kept.parent)]
+    """Drop what killed processes left, and the files used longest ago above MAX_BYTES; `kept` stays."""
+    remove_leftovers(kept.parent, _LEFTOVERS, LEFT_BEHIND_S)
     total = 0
     for _, size, path in _files(kept.parent, "frames-*.npz"):
         total += size
         if total > MAX_BYTES and path != kept:
-            drop.append(path)
-    for path in drop:
-        with contextlib.suppress(OSError):  # where files that are read cannot be removed
-            path.unlink()
+            with contextlib.suppress(OSError):  # where files that are read cannot be removed
+                path.unlink()

@@ -9,14 +9,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import IO
 
-# A killed writer's file; nobody writes one for as long.
-_LEFT_BEHIND_S = 3600.0
+# A file is written in seconds: a temporary one that old was left behind by a process that was killed.
+LEFT_BEHIND_S = 3600.0
 
 
 @contextlib.contextmanager
 def atomic_path(path: Path) -> Iterator[Path]:
     """Yield a name to write to; what was written appears at `path` whole or not at all, whatever happens."""
-    remove_leftovers(path.parent, f".{glob.escape(path.name)}.*.part", _LEFT_BEHIND_S)
+    remove_leftovers(path.parent, f".{glob.escape(path.name)}.*.part", LEFT_BEHIND_S)
     descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
     os.close(descriptor)
     temporary = Path(name)

@@ -2,6 +2,7 @@
 
 import multiprocessing
 import os
+import stat
 import warnings
 
 import numpy as np
@@ -168,6 +169,17 @@ def test_the_folder_is_limited_and_what_was_used_last_stays(monkeypatch):
     assert foreign.exists()
 
 
+def test_what_one_user_has_simulated_others_can_read(scans):
+    """With one cache for a lab, a private file would make everybody simulate everything again."""
+    previous = os.umask(0o027)
+    try:
+        store = FrameStore(*SCENE)
+        store.prepare(POSES)
+    finally:
+        os.umask(previous)
+    assert stat.S_IMODE(store.path.stat().st_mode) == 0o640
+
+
 def test_a_file_larger_than_the_limit_stays(monkeypatch, kept, scans):
     monkeypatch.setattr(frame_files, "MAX_BYTES", 1)
     FrameStore(*SCENE).prepare([Pose(20, 50, 0)])
@@ -175,8 +187,8 @@ def test_a_file_larger_than_the_limit_stays(monkeypatch, kept, scans):
 
 
 def test_what_a_killed_process_left_behind_is_dropped_and_what_is_being_written_is_not(kept):
-    old, new = kept.with_name("frames-old.tmp"), kept.with_name("frames-new.tmp")
-    foreign = kept.with_name("notes.tmp")
+    old, new = kept.with_name(".frames-old.npz.x.part"), kept.with_name(".frames-new.npz.x.part")
+    foreign = kept.with_name(".notes.x.part")
     for path in (old, new, foreign):
         path.write_bytes(b"half a file")
     for path in (old, foreign):
@@ -187,7 +199,7 @@ def test_what_a_killed_process_left_behind_is_dropped_and_what_is_being_written_
 
 def _prepare_and_die(poses):
     # In the middle of a file, as of `kill -9` or a power cut.
-    frame_files.os.fsync = lambda _: os._exit(9)
+    os.fsync = lambda _: os._exit(9)
     FrameStore(*SCENE).prepare(poses)
 
 
@@ -200,7 +212,7 @@ def test_a_process_killed_while_it_writes_harms_nothing(kept):
     child.start()
     child.join(60)
     assert child.exitcode == 9 and kept.read_bytes() == before
-    assert len(list(kept.parent.glob("frames-*.tmp"))) == 1
+    assert len(list(kept.parent.glob(".frames-*.part"))) == 1
 
 
 # What the folder holds
@@ -232,7 +244,7 @@ def test_no_folder_holds_nothing():
 
 
 def test_clear_removes_frames_and_nothing_else(kept, scans):
-    foreign, writing = kept.with_name("notes.npz"), kept.with_name("frames-new.tmp")
+    foreign, writing = kept.with_name("notes.npz"), kept.with_name(".frames-new.npz.x.part")
     for path in (foreign, writing):
         path.write_bytes(b"...")
     size = kept.stat().st_size
