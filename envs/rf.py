@@ -3,10 +3,11 @@
     rf_l(t) = pulse(t) * sum_s a_s [h_l(r_s, t) * h_l(r_s, t)]        (* is convolution in time)
 
 with h the spatial impulse response of the line's apodised and delayed aperture (Tupholme 1969, Stepanishen
-1971; Jensen and Svendsen 1992). The bracket comes from a table per focal depth (`response.py`), the distance
-from the image plane from a short filter (`elevation.py`); this file adds up the scatterers, as I/Q (see
-`LinearArray.iq_center_frequency`). Time zero of a line is the instant at which its reference point
-(x_l, 0, 0) fires. Tissue may attenuate, by exp(-a f d) on a way of d (see `aperture.py`).
+1971; Jensen and Svendsen 1992). `slow_sum.py` computes this model formula by formula. Here the bracket comes
+from a table per focal depth (`field/response_table.py`) and the distance from the image plane from a short
+filter (`field/elevation.py`); this file adds up the scatterers, as I/Q (`LinearArray.iq_center_frequency`).
+Time zero of a line is the instant at which its reference point (x_l, 0, 0) fires. Tissue may attenuate, by
+exp(-b f d) over a distance d.
 """
 
 from __future__ import annotations
@@ -61,12 +62,14 @@ def simulate_rf(
         attenuation_db_per_cm_mhz=attenuation_db_per_cm_mhz,
     )
     n, factor = len(iq_time), array.iq_decimation
+    iq_spectrum = fft.fft(iq, axis=0)
+    # Zeros between the positive and the negative frequencies: the same signal, sampled more often.
     spectrum = np.zeros((n * factor, iq.shape[1]), dtype=np.complex64)
-    half = n // 2
-    spectrum[:half], spectrum[-half:] = (iq_spectrum := fft.fft(iq, axis=0))[:half], iq_spectrum[n - half :]
+    spectrum[: n // 2] = iq_spectrum[: n // 2]
+    spectrum[-(n // 2) :] = iq_spectrum[n // 2 :]
+    baseband = fft.ifft(spectrum, axis=0) * np.float32(factor)
     time = np.arange(n * factor) / array.rf_sampling_frequency
     carrier = np.exp(2j * np.pi * array.iq_center_frequency * (time - array.pulse_delay))
-    baseband = fft.ifft(spectrum, axis=0) * np.float32(factor)
     return np.real(baseband * carrier.astype(np.complex64)[:, np.newaxis]), time
 
 

@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from usbench.envs.probe import LinearArray
 
+# Functions of other files are compiled again after a change of these flags only where __pycache__ is removed.
 FAST_MATH = {"contract", "reassoc", "nsz", "arcp", "nnan", "ninf"}
 # In I/Q samples: those on the sample's own grid, then those between.
 WHOLE, HALF = (-1.0, 0.0, 1.0), (-1.5, -0.5, 0.5, 1.5)

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from usbench.envs.field.aperture import Floats, Spectra, aperture
-from usbench.envs.field.simd import SAMPLES
+from usbench.envs.field.summation import SAMPLES
 from usbench.envs.field.two_way import orders_of
 from usbench.envs.field.waveforms import ROWS, Rows, tabulate
 from usbench.envs.probe import LinearArray

@@ -1,30 +1,107 @@
 """The compiled loops that add up the waveforms of all scatterers for all lines.
 
-Numba infers the types; shapes stand in the docstrings, the physics in `rf.py` and `response.py`.
+Numba infers the types; shapes stand in the docstrings, the physics in `rf.py` and `response_table.py`. All
+that the loops are made of stands in this file, as Numba compiles a function again when its file has changed.
 """
 
 from __future__ import annotations
 
 import math
 from functools import lru_cache
+from typing import Any
 
 import numba
 import numpy as np
 import numpy.typing as npt
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
 
-from usbench.envs.field import elevation, response_table, simd
-from usbench.envs.field.compiled import forget_older
 from usbench.envs.field.elevation import FAST_MATH
-from usbench.envs.field.response_table import BLOCK
-from usbench.envs.field.simd import LANES, weighted_sum
 
-forget_older(__file__, elevation.__file__, response_table.__file__, simd.__file__)
-
+LANES = 8  # float32 in a vector
+SAMPLES = LANES // 2  # complex64 in a vector
+ALTERNATE = [lane + lane % 2 * LANES for lane in range(LANES)]  # of two vectors in turn
 PHASE_BITS = 3
 N_PHASES = 1 << PHASE_BITS  # a delay is rounded to this part of an I/Q sample
 N_FIR = 16  # samples of a delay filter
 _GROUP = 16  # pairs that are interpolated before they are filtered
 _ROOM = 1024  # for the parts of a group
+
+
+def weighted_sum(n_terms: int, add: bool = True) -> Any:
+    """Return a function for compiled code that sums `n_terms` weighted parts of a complex source.
+
+    It uses vector instructions, SAMPLES samples at a time. A loop over array slices would first prove at run
+    time, for every few samples, that source and destination do not overlap; here they never do, and that
+    proof cost more than the arithmetic.
+
+    f(target, first, n, source, firsts, weights): n samples from `first` on, in whole vectors of SAMPLES,
+    become (or with `add`, are increased by) the sum over k of those of the source from firsts[k] on, times
+    weights[2 k] + j weights[2 k + 1]. Nothing is checked: arrays are contiguous complex64, tuples hold int64
+    and float32, indices are in range, source and destination apart.
+    """
+
+    @intrinsic
+    def summed(
+        typing_context: Any, target: Any, first: Any, n: Any, source: Any, firsts: Any, weights: Any
+    ) -> Any:
+        indices, factors = types.UniTuple(types.int64, n_terms), types.UniTuple(types.float32, 2 * n_terms)
+        signature = types.void(target, types.int64, types.int64, source, indices, factors)
+
+        def codegen(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> Any:
+            vector = ir.VectorType(ir.FloatType(), LANES)
+            undefined, nothing = ir.Constant(vector, ir.Undefined), ir.Constant(vector, [0.0] * LANES)
+            flags = ("contract", "nsz")
+
+            def start(array: int, index: Any) -> Any:
+                data = context.make_array(sig.args[array])(context, builder, args[array]).data
+                return builder.gep(data, [index])
+
+            def at(pointer: Any, index: Any) -> Any:
+                return builder.bitcast(builder.gep(pointer, [index]), vector.as_pointer())
+
+            def shuffled(one: Any, other: Any, lanes: list[int]) -> Any:
+                mask = ir.Constant(ir.VectorType(ir.IntType(32), LANES), lanes)
+                return builder.shuffle_vector(one, other, mask)
+
+            def everywhere(value: Any) -> Any:
+                one = builder.insert_element(undefined, value, ir.Constant(ir.IntType(32), 0))
+                return shuffled(one, undefined, [0] * LANES)
+
+            def fused(u: Any, v: Any, w: Any) -> Any:
+                return builder.fadd(builder.fmul(u, v, flags=flags), w, flags=flags)
+
+            def product(a: Any, b: Any, z: Any, more: Any) -> Any:
+                """(a + j b) z, which may be added to more; products are rounded in this order."""
+                minus_b = builder.fneg(b)
+                if more is nothing:
+                    reals = shuffled(z, undefined, [lane & ~1 for lane in range(LANES)])
+                    imags = shuffled(z, undefined, [lane | 1 for lane in range(LANES)])
+                    second = builder.fmul(shuffled(minus_b, a, ALTERNATE), imags, flags=flags)
+                    return fused(shuffled(a, b, ALTERNATE), reals, second)
+                swapped = shuffled(z, undefined, [lane ^ 1 for lane in range(LANES)])
+                return fused(a, z, fused(shuffled(minus_b, b, ALTERNATE), swapped, more))
+
+            target = start(0, args[1])
+            sources = [start(3, builder.extract_value(args[4], k)) for k in range(n_terms)]
+            factors = [everywhere(builder.extract_value(args[5], k)) for k in range(2 * n_terms)]
+            whole = args[2].type
+            with cgutils.for_range_slice(builder, whole(0), args[2], whole(SAMPLES)) as (index, _):
+                # Two sums of every second term: a processor waits less for the one before.
+                sums = [builder.load(at(target, index), align=8) if add else nothing, nothing]
+                for k, source in enumerate(sources):
+                    z = builder.load(at(source, index), align=8)
+                    sums[k % 2] = product(factors[2 * k], factors[2 * k + 1], z, sums[k % 2])
+                total = builder.fadd(*sums, flags=("nsz",)) if n_terms > 1 else sums[0]
+                builder.store(total, at(target, index), align=8)
+            return context.get_dummy_value()
+
+        return signature, codegen
+
+    return summed
+
 
 _interpolate, _add_interpolated = weighted_sum(2, add=False), weighted_sum(2)
 _clear = weighted_sum(0, add=False)
@@ -94,10 +171,10 @@ def accumulate(
             item = 0
             for w in range(n_waves):
                 # The sum of the cell's parts, between zeros for the filter.
-                column, at = columns[group + w], w * wave_length + BLOCK
+                column, at = columns[group + w], w * wave_length + SAMPLES
                 n_parts, length = cells[i, column, 1], cells[i, column, 3]
-                _clear(wave, at - BLOCK, BLOCK, table, (), ())
-                _clear(wave, at + length, BLOCK, table, (), ())
+                _clear(wave, at - SAMPLES, SAMPLES, table, (), ())
+                _clear(wave, at + length, SAMPLES, table, (), ())
                 if n_parts > 1:
                     _clear(wave, at, length, table, (), ())
                 wu = beside[group + w]
@@ -121,7 +198,7 @@ def accumulate(
 
             # Apart from the loop above, as a processor stalls where it reads what it has only just written.
             for w in range(n_waves):
-                m, at = group + w, w * wave_length + BLOCK
+                m, at = group + w, w * wave_length + SAMPLES
                 start, length = cells[i, columns[m], 2], cells[i, columns[m], 3]
                 first = (delay[m] >> PHASE_BITS) + start
                 if first < 2 or first + length + N_FIR > n_total:
@@ -133,7 +210,7 @@ def accumulate(
                     _add_one(sums, to, length, wave, (at,), one)
                     continue
                 # Filtered waves begin one or two samples earlier.
-                length += BLOCK
+                length += SAMPLES
                 f = taps[iy, k, 0], taps[iy, k, 1], one[0], one[1], taps[iy, k, 4], taps[iy, k, 5]
                 at3 = at, at - 1, at - 2
                 _add_whole(sums, to - 1, length, wave, at3, f)

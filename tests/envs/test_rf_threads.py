@@ -56,12 +56,16 @@ def test_a_forked_child_computes_the_same():
 
 def test_threads_stay_and_what_they_call_uses_one(monkeypatch):
     monkeypatch.setenv("USBENCH_THREADS", "3")
-    seen = [threads.in_parallel(lambda _: (threading.get_ident(), threads.n_threads()), range(30))]
-    before = threading.active_count()
-    seen.append(threads.in_parallel(lambda _: (threading.get_ident(), threads.n_threads()), range(30)))
-    assert threading.active_count() == before
-    assert {n for _, n in seen[0] + seen[1]} == {1} and threads.n_threads() == 3
-    assert len({thread for thread, _ in seen[0] + seen[1]} | {threading.get_ident()}) <= 4
+    all_busy = threading.Barrier(3)
+
+    def work(_):
+        all_busy.wait(timeout=60)  # or one thread may do the work of all
+        return threading.current_thread(), threads.n_threads()
+
+    first, second = ([*zip(*threads.in_parallel(work, range(3)), strict=True)] for _ in range(2))
+    assert len(set(first[0])) == 3 and set(first[0]) == set(second[0])
+    assert threading.current_thread() not in first[0]
+    assert first[1] == second[1] == (1, 1, 1) and threads.n_threads() == 3
 
 
 def test_error_in_a_thread_is_raised_where_the_work_was_asked_for(monkeypatch):

@@ -4,7 +4,7 @@ import numba
 import numpy as np
 import pytest
 
-from usbench.envs.field.simd import SAMPLES, weighted_sum
+from usbench.envs.field.summation import SAMPLES, weighted_sum
 
 
 @pytest.mark.parametrize("add", [False, True])
