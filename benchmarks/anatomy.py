@@ -8,7 +8,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from usbench.envs.anatomy.tissue import Anatomy
+from usbench.envs.anatomy import Anatomy
 from usbench.envs.bmode import DEFAULT_IMAGING
 from usbench.envs.frames import frame_store
 from usbench.envs.pose import Pose

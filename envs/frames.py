@@ -14,7 +14,7 @@ import hashlib
 import platform
 import warnings
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import fields, is_dataclass
 from functools import lru_cache
 from importlib import metadata
 from pathlib import Path
@@ -25,16 +25,13 @@ import numpy as np
 import numpy.typing as npt
 
 from usbench.envs import frame_files
-from usbench.envs.anatomy.tissue import Anatomy
 from usbench.envs.bmode import Imaging
-from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Pose
 from usbench.envs.probe import LinearArray
 from usbench.envs.scanner import scan, scan_batch
 from usbench.envs.settings import as_row, from_row, table_of
+from usbench.envs.tissue import Tissue
 
-# What can be examined.
-Tissue = Phantom | Anatomy
 Frame = npt.NDArray[np.uint8]
 Progress = Callable[[int, int], None]
 _BATCH = 12  # frames that are made side by side, and told of together
@@ -42,10 +39,10 @@ _BATCH = 12  # frames that are made side by side, and told of together
 _LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "opencv-python-headless")
 
 
-def sources(first: str = "scanner") -> dict[str, bytes]:
-    """Return the source by name of every module that computes a frame: the `first`, and what it imports."""
+def sources(*first: str) -> dict[str, bytes]:
+    """Return the source by name of every module that computes a frame: the `first`, and what they import."""
     found: dict[str, bytes] = {}
-    waiting = [first]
+    waiting = list(first)
     while waiting:
         name = waiting.pop()
         if name in found:
@@ -75,12 +72,16 @@ def _simulator() -> str:
     """Return a hash of the code and the libraries that compute a frame, and of the processor."""
     versions = [f"{name} {metadata.version(name)}" for name in _LIBRARIES]
     processor = (platform.machine(), llvmlite.binding.get_host_cpu_name())
-    return hashlib.sha256(repr((sorted(sources().items()), versions, processor)).encode()).hexdigest()
+    return _hash((sorted(sources("scanner").items()), versions, processor))
 
 
 def _anatomy() -> str:
     """Return a hash of the code that turns an image into tissue, or into frames."""
-    return hashlib.sha256(repr(sorted(sources("anatomy.tissue").items())).encode()).hexdigest()
+    return _hash(sorted(sources("anatomy.simulated", "anatomy.recorded").items()))
+
+
+def _hash(value: object) -> str:
+    return hashlib.sha256(repr(value).encode()).hexdigest()
 
 
 # Taken when the code is: sources that change later are not what this process runs.
@@ -92,13 +93,12 @@ class FrameStore:
 
     def __init__(self, phantom: Tissue, array: LinearArray, imaging: Imaging) -> None:
         """Nothing is read or simulated yet."""
-        if isinstance(phantom, Anatomy):
-            phantom = replace(phantom, target=Pose())  # of which frames know nothing
-        self._scene = (phantom, array, imaging)
+        self._scene = (phantom.shown, array, imaging)
         self._frames: dict[Pose, Frame] = {}
         self._loaded = False
-        made_by = (SIMULATOR, ANATOMY) if isinstance(phantom, Anatomy) else (SIMULATOR,)
-        key = hashlib.sha256(repr((*self._scene, *made_by)).encode()).hexdigest()
+        key = _hash((*self._scene, SIMULATOR, ANATOMY))
+        # The code of a stranger's tissue is in no hash: its frames are not kept on disk.
+        self._is_kept = type(phantom).__module__.startswith("usbench.envs.")
         self.path = frame_files.frames_path(key)
 
     def frame(self, pose: Pose) -> Frame:
@@ -137,8 +137,11 @@ class FrameStore:
 
     def _scan(self, poses: Sequence[Pose]) -> Sequence[Frame]:
         phantom, array, imaging = self._scene
-        if isinstance(phantom, Anatomy):
-            return phantom.frames(poses, array, imaging)
+        shape = imaging.height_px, imaging.width_px
+        recorded = [phantom.recorded_frame(pose, shape, imaging.pixel_size) for pose in poses]
+        found = [frame for frame in recorded if frame is not None]
+        if found:
+            return found
         if len(poses) == 1:
             return [scan(phantom, poses[0], array, imaging)]
         return list(scan_batch([(phantom, pose) for pose in poses], array, imaging))
@@ -148,7 +151,7 @@ class FrameStore:
         return self._frames.setdefault(pose, frame)
 
     def _load(self) -> None:
-        if self._loaded:
+        if self._loaded or not self._is_kept:
             return
         self._loaded = True
         try:
@@ -167,6 +170,8 @@ class FrameStore:
             self._keep(from_row(pose), frame)
 
     def _save(self) -> None:
+        if not self._is_kept:
+            return
         if (_simulator(), _anatomy()) != (SIMULATOR, ANATOMY):
             warnings.warn(
                 "frames are not kept on disk: the simulator's sources have changed since they were imported.",

@@ -9,15 +9,15 @@ import numpy as np
 import numpy.typing as npt
 
 from usbench.checks import probability, unknown
-from usbench.envs.anatomy.tissue import Anatomy
 from usbench.envs.bmode import Imaging
-from usbench.envs.frames import FrameStore, Tissue, frame_store
+from usbench.envs.frames import FrameStore, frame_store
 from usbench.envs.image_reward import likeness, standard_view
 from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Move, Pose, coordinates, sin_deg
 from usbench.envs.probe import LinearArray
 from usbench.envs.scene_picture import draw_scene
 from usbench.envs.task import COORDINATES, IMAGE, REWARDS, Task, check_reward
+from usbench.envs.tissue import Tissue
 
 T = TypeVar("T")
 
@@ -28,7 +28,7 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
     Args:
         noise: Probability p_n that the probe is displaced after an action.
         reward: "normalized", "paper" or "image", which is computed from the frame alone.
-        phantom: The tissue and the object in it, or an `Anatomy` of one's own.
+        phantom: The tissue that is examined: a `Phantom` or a custom `Anatomy`.
         probe: The transducer.
         imaging: How RF becomes an image.
         render_mode: None or "rgb_array".
@@ -57,11 +57,7 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
         """Check the configuration; nothing is simulated before the first reset."""
         self.noise = probability("noise", noise)
         self.reward = check_reward(reward, self.task)
-        self.phantom: Tissue = (
-            self._fitting(phantom)
-            if isinstance(phantom, Anatomy)
-            else _instance("phantom", phantom, self.default_phantom)
-        )
+        self.phantom = self._fitting(self.default_phantom if phantom is None else phantom)
         self.probe = _instance("probe", probe, LinearArray())
         self.imaging = _instance("imaging", imaging, Imaging())
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
@@ -131,24 +127,26 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
             return None
         return draw_scene(self.phantom, self.pose, self._observation()[:, :, 0])
 
-    def _fitting(self, anatomy: Anatomy) -> Anatomy:
-        """Return an anatomy of one's own if this task can be done in it."""
-        if self.task.reward_from_frames:
+    def _fitting(self, tissue: Tissue) -> Tissue:
+        """Return the tissue if this task can be done in it."""
+        if not isinstance(tissue, Tissue) or isinstance(tissue, type):
+            raise TypeError(f"phantom must be of type Phantom or Anatomy, not {tissue!r}.")
+        if tissue.object_of_interest is None and self.task.reward_from_frames:
             raise ValueError(
-                f"the task {self.task.name!r} has no anatomy of one's own: its reward needs an object whose "
+                f"the task {self.task.name!r} takes no custom anatomy: its reward needs an object whose "
                 "outline is known."
             )
-        if self.task.moves_focus and not anatomy.has_focus:
+        if self.task.moves_focus and not tissue.has_focus:
             raise ValueError(
-                f"a recorded image has a focus of its own, which the task {self.task.name!r} moves: allowed "
-                "are tasks that do not, as 'pp'."
+                f"a recorded image keeps the focus of its recording, which the task {self.task.name!r} "
+                "moves: allowed are tasks that do not, as 'pp'."
             )
-        if self.reward == IMAGE:
+        if tissue.object_of_interest is None and self.reward == IMAGE:
             raise ValueError(
-                f"in an anatomy of one's own the reward cannot be {IMAGE!r}, whose standard view is that of "
-                f"the paper's object: take {REWARDS[0]!r}, the default."
+                f"in a custom anatomy the reward cannot be {IMAGE!r}, whose standard view is that of the "
+                f"paper's object: take {REWARDS[0]!r}, the default."
             )
-        return anatomy
+        return tissue
 
     def _observation(self) -> npt.NDArray[np.uint8]:
         return self._frame(self.pose)[:, :, np.newaxis].copy()
@@ -166,8 +164,8 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
 
     def _info(self, displaced: dict[str, int]) -> dict[str, Any]:
         pose = self.pose
-        # Where it is the paper's, nobody needs to be told.
-        target = self._target_info() if isinstance(self.phantom, Anatomy) else {}
+        # Where the object is known, so is the pose that shows it.
+        target = self._target_info() if self.phantom.object_of_interest is None else {}
         return {
             **{name: getattr(pose, name) for name in coordinates(pose)},
             "distance_mm": self.task.distance_mm(pose, self.target),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -113,6 +114,8 @@ class Phantom:
     tissue_amplitude_std: float = 1.0
     attenuation_db_per_cm_mhz: float = 0.0
 
+    has_focus: ClassVar[bool] = True
+
     def __post_init__(self) -> None:
         """Hold the values as plain numbers, or refuse them."""
         object.__setattr__(self, "seed", whole_number("seed", self.seed, low=0))
@@ -147,6 +150,14 @@ class Phantom:
         """The pose that shows the object best: above its centre, focused on it, in its plane."""
         ooi = self.object_of_interest
         return Pose(ooi.x_mm, ooi.depth_mm, ooi.angle_deg)
+
+    @property
+    def shown(self) -> Phantom:
+        """This phantom, which its frames show as a whole."""
+        return self
+
+    def recorded_frame(self, pose: Pose, shape: tuple[int, int], pixel_size: float) -> None:
+        """Return None: frames of a phantom are simulated."""
 
     @property
     def positions(self) -> npt.NDArray[np.float64]:

@@ -8,19 +8,19 @@ import numpy as np
 import numpy.typing as npt
 
 from usbench.envs.bmode import DEFAULT_IMAGING, Imaging, bmode
-from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Pose
 from usbench.envs.probe import DEFAULT_ARRAY, LinearArray
 from usbench.envs.rf import simulate_iq
 from usbench.envs.settings import table_of, tuned
 from usbench.envs.threads import in_parallel
+from usbench.envs.tissue import Scatterers
 
 HALF_WIDTH = 20e-3
 HALF_THICKNESS = 5e-3
 
 
 def scan(
-    phantom: Phantom, pose: Pose, array: LinearArray = DEFAULT_ARRAY, imaging: Imaging = DEFAULT_IMAGING
+    phantom: Scatterers, pose: Pose, array: LinearArray = DEFAULT_ARRAY, imaging: Imaging = DEFAULT_IMAGING
 ) -> npt.NDArray[np.uint8]:
     """Return the B-mode frame of `phantom` from `pose`, (height_px, width_px) uint8: depth, lateral.
 
@@ -48,7 +48,7 @@ def scan(
 
 
 def scan_batch(
-    scenes: Sequence[tuple[Phantom, Pose]],
+    scenes: Sequence[tuple[Scatterers, Pose]],
     array: LinearArray = DEFAULT_ARRAY,
     imaging: Imaging = DEFAULT_IMAGING,
 ) -> npt.NDArray[np.uint8]:

@@ -12,11 +12,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from usbench.envs.anatomy.tissue import Anatomy
-from usbench.envs.frames import Tissue
-from usbench.envs.phantom import Phantom
+from usbench.envs.phantom import ObjectOfInterest
 from usbench.envs.pose import Pose, cos_deg, sin_deg
 from usbench.envs.settings import in_words
+from usbench.envs.tissue import Tissue
 
 Image = npt.NDArray[np.uint8]
 Color = tuple[int, int, int]
@@ -44,7 +43,7 @@ def draw_scene(
         phantom: What is examined.
         pose: Where the probe is.
         frame: The B-mode frame seen from there, (90, 40) uint8.
-        show_object: Whether to draw the object, in an anatomy of one's own the image plane that shows it
+        show_object: Whether to draw the object, in a custom anatomy the image plane that shows it
             best; in a real examination nobody sees it.
         caption: A line of text below, for example the step and the action.
     """
@@ -93,10 +92,10 @@ def _background(phantom: Tissue, show_object: bool) -> Image:
         x = FRAME_LEFT + (mm + PROBE_MM / 2) * FRAME_SCALE
         _text(image, _signed(mm), (x, BOTTOM + 18), FAINT_TEXT, 0.4, align=0.5)
     if show_object:
-        if isinstance(phantom, Anatomy):
+        if phantom.object_of_interest is None:
             _draw_target(image, phantom)
         else:
-            _draw_object(image, phantom)
+            _draw_object(image, phantom, phantom.object_of_interest)
     image.flags.writeable = False
     return image
 
@@ -121,9 +120,9 @@ def _ball(image: Image, center: Point, radius: float, color: Color) -> None:
     image[...] = (image * (1 - cover) + shaded * cover).astype(np.uint8)
 
 
-def _draw_object(image: Image, phantom: Phantom) -> None:
+def _draw_object(image: Image, phantom: Tissue, shown: ObjectOfInterest) -> None:
     """Draw the balls in both views, the nearest last."""
-    scale, balls = _scale(phantom), list(enumerate(phantom.object_of_interest.balls))
+    scale, balls = _scale(phantom), list(enumerate(shown.balls))
     middles = ((2, ABOVE_LEFT, phantom.height_mm / 2 * scale, 1), (1, SIDE_LEFT, 0.0, 2))
     for nearest_last, left, middle, axis in middles:
         for index, ball in sorted(balls, key=lambda item: -item[1].center_mm[nearest_last]):
@@ -134,7 +133,7 @@ def _draw_object(image: Image, phantom: Phantom) -> None:
             _ball(image, center, ball.radius_mm * scale, BODY if index == 0 else LIMB)
 
 
-def _draw_target(image: Image, phantom: Anatomy) -> None:
+def _draw_target(image: Image, phantom: Tissue) -> None:
     """Draw the image plane of the target from above, a line, and from the side."""
     scale, target = _scale(phantom), phantom.target
     middle, half = (phantom.width_mm / 2 + target.x_mm) * scale, PROBE_MM / 2 * scale

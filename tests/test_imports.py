@@ -82,6 +82,12 @@ def test_environments_import_only_environments(path):
     assert not foreign(path, "usbench.envs", *GROUND)
 
 
+def test_custom_anatomies_are_one_kind_of_tissue_among_others():
+    for path in (ROOT / "envs").rglob("*.py"):
+        own = {name for name in imported(path) if name.startswith("usbench.envs.anatomy")}
+        assert not own or path.parent.name == "anatomy", path
+
+
 @pytest.mark.parametrize("name", GROUND)
 def test_the_ground_floor_imports_nothing_of_the_project(name):
     path = ROOT / f"{name.replace('.', '/')}.py"

@@ -31,7 +31,10 @@ def number(
     """
     if isinstance(value, bool) or not isinstance(value, numbers.Real):
         raise TypeError(_refused(name, value, interval(low, high, above=above, below=below)))
-    found = float(value)
+    try:
+        found = float(value)
+    except OverflowError:  # of a whole number with hundreds of digits
+        found = math.inf
     inside = low <= found <= high and not (above and found == low) and not (below and found == high)
     if not (inside and math.isfinite(found)):
         raise ValueError(_refused(name, value, interval(low, high, above=above, below=below)))
@@ -73,9 +76,10 @@ def whole_number(name: str, value: Any, low: float = -math.inf, high: float = ma
     if isinstance(value, bool) or not isinstance(value, numbers.Real):
         raise TypeError(_refused(name, value, whole_interval(low, high)))
     is_whole = isinstance(value, numbers.Integral) or float(value).is_integer()  # false for nan and inf
-    if not is_whole or not low <= value <= high:
+    found: Any = value
+    if not is_whole or not low <= found <= high:
         raise ValueError(_refused(name, value, whole_interval(low, high)))
-    return int(value)
+    return int(found)
 
 
 def interval(low: float, high: float, *, above: bool = False, below: bool = False) -> str:

@@ -11,11 +11,11 @@ import numpy as np
 from gymnasium.envs.registration import load_env_creator
 
 from usbench.envs import oracle
-from usbench.envs.anatomy.tissue import Anatomy
-from usbench.envs.frames import Tissue
+from usbench.envs.anatomy import Anatomy
 from usbench.envs.pose import Pose
 from usbench.envs.task import Task as GuidanceTask
 from usbench.envs.tasks.random_phantoms import FIRST_HELD_OUT
+from usbench.envs.tissue import Tissue
 from usbench.envs.wrappers import ImageStack, NormalizeImage
 from usbench.tasks import PAPER, ROWS, Row
 

@@ -170,7 +170,7 @@ def test_bad_actions_are_refused(action, coded):
         ({"noise": -0.1}, ValueError, r"noise must be a probability in \[0, 1\], not -0.1"),
         ({"noise": "0.5"}, TypeError, r"noise must be a probability in \[0, 1\], not '0.5'"),
         ({"reward": "normalised"}, ValueError, "unknown reward 'normalised' .did you mean 'normalized'"),
-        ({"phantom": 0}, TypeError, "phantom must be of type Phantom, not 0"),
+        ({"phantom": 0}, TypeError, "phantom must be of type Phantom or Anatomy, not 0"),
         ({"probe": Phantom()}, TypeError, "probe must be of type LinearArray"),
         ({"imaging": {}}, TypeError, "imaging must be of type Imaging, not {}"),
         ({"render_mode": "human"}, ValueError, "unknown render_mode 'human'.*'rgb_array'"),

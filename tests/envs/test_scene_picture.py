@@ -6,7 +6,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from usbench.envs.anatomy.tissue import Recording
+from usbench.envs.anatomy import Recording
 from usbench.envs.phantom import ObjectOfInterest, Phantom
 from usbench.envs.pose import Pose
 from usbench.envs.scene_picture import (

@@ -1,4 +1,4 @@
-"""An anatomy of one's own in words: what --phantom takes and refuses, and what records say of it."""
+"""A custom anatomy in words: what --phantom takes and refuses, and what records say of it."""
 
 import json
 import sys
@@ -9,12 +9,9 @@ from PIL import Image
 from volumes import block
 
 from usbench import cli
-from usbench.envs.anatomy.placement import Placement
-from usbench.envs.anatomy.tissue import Echogenicity, Recording
+from usbench.envs.anatomy import Echogenicity, Placement, Recording
 from usbench.envs.anatomy.volume_file import read
-from usbench.envs.bmode import DEFAULT_IMAGING
 from usbench.envs.pose import Pose
-from usbench.envs.probe import DEFAULT_ARRAY
 from usbench.records import ConfigurationError
 from usbench.trials import anatomy_record
 
@@ -124,9 +121,9 @@ def test_settings_that_cannot_be_are_refused_in_one_sentence(capsys, file, setti
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        (["--task", "fp"], "a focus of its own"),
-        (["--task", "exam"], "a focus of its own"),
-        (["--task", "setup"], "has no anatomy of one's own"),
+        (["--task", "fp"], "keeps the focus of its recording"),
+        (["--task", "exam"], "keeps the focus of its recording"),
+        (["--task", "setup"], "takes no custom anatomy"),
         (["--task", "pp-random"], "'pp-random' draws its phantoms and takes no --phantom"),
         (["--task", "fp-random"], "allowed are 'pp'."),
         (["--reward", "image"], "the reward cannot be 'image'"),
@@ -161,9 +158,7 @@ def test_a_frame_to_look_around_needs_no_target(capsys, file, tmp_path):
     assert "slice, (90, 40) uint8" in capsys.readouterr().out
     shown = np.asarray(Image.open(out))
     recording = anatomy_record.asked([str(file), "frames=recorded"], looking=True)
-    np.testing.assert_array_equal(
-        shown, recording.frames([Pose(5, 50, 30)], DEFAULT_ARRAY, DEFAULT_IMAGING)[0]
-    )
+    np.testing.assert_array_equal(shown, recording.recorded_frame(Pose(5, 50, 30), (90, 40), 1e-3))
     assert cli.main([*look, "--out", str(tmp_path / "figure.png")]) == 0
     assert "a recorded image has no rf" in refusal(capsys, *look, "--rf")
 

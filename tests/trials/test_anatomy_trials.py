@@ -1,4 +1,4 @@
-"""Trials in an anatomy of one's own: from the command line into the records, and found again."""
+"""Trials in a custom anatomy: from the command line into the records, and found again."""
 
 import base64
 import shutil
@@ -12,9 +12,7 @@ from volumes import block, write
 from usbench import cli, records, suite
 from usbench.envs import frames, guidance, oracle
 from usbench.envs.anatomy import tissue
-from usbench.envs.bmode import DEFAULT_IMAGING
 from usbench.envs.pose import Pose
-from usbench.envs.probe import DEFAULT_ARRAY
 from usbench.guide import examination
 from usbench.guide.agents import ORACLE
 from usbench.guide.session import Session
@@ -80,7 +78,7 @@ def resolved(file, *settings):
 
 
 def frames_of(own, pose):
-    return own.frames([pose], DEFAULT_ARRAY, DEFAULT_IMAGING)[0]
+    return own.recorded_frame(pose, (90, 40), 1e-3)
 
 
 def test_a_trial_tells_where_the_volume_was_and_what_was_looked_for(trial, _made):

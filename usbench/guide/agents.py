@@ -9,7 +9,7 @@ from typing import Any
 from usbench import records, suite
 from usbench.agents import zoo
 from usbench.envs import oracle
-from usbench.envs.anatomy.tissue import Anatomy
+from usbench.envs.anatomy import Anatomy
 from usbench.guide.examination import GUIDED, Opened
 from usbench.records import ConfigurationError
 from usbench.trials import anatomy_record

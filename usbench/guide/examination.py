@@ -10,7 +10,7 @@ import numpy.typing as npt
 from usbench import suite
 from usbench.checks import whole_number
 from usbench.envs import oracle
-from usbench.envs.anatomy.tissue import Anatomy
+from usbench.envs.anatomy import Anatomy
 from usbench.envs.frames import frame_store
 from usbench.envs.pose import Move
 from usbench.envs.task import COORDINATES

@@ -5,7 +5,6 @@ from dataclasses import asdict
 from typing import Any
 
 from usbench.envs import scene_picture
-from usbench.envs.anatomy.tissue import Anatomy
 from usbench.guide.controls import controls
 from usbench.guide.examination import Examination
 from usbench.watch.film import fixed
@@ -15,8 +14,8 @@ def seen(examination: Examination, *, hidden: bool) -> dict[str, Any]:
     """Return the episode; while the object is hidden, nothing that tells where it is before the end."""
     tells = examination.over or not hidden
     phantom, frame = examination.phantom, examination.frame
-    own = isinstance(phantom, Anatomy)
-    balls: Any = () if hidden or own else phantom.object_of_interest.balls
+    known = phantom.object_of_interest
+    balls: Any = () if hidden or known is None else known.balls
     return {
         "controls": [asdict(control) for control in controls(examination.guidance)],
         "step": len(examination.actions),
@@ -27,7 +26,7 @@ def seen(examination: Examination, *, hidden: bool) -> dict[str, Any]:
         "shape": frame.shape,
         "phantom": {name: getattr(phantom, name) for name in ("width_mm", "height_mm", "depth_mm")},
         "balls": [[*ball.center_mm, ball.radius_mm] for ball in balls],
-        "target": asdict(phantom.target) if own and not hidden else None,
+        "target": asdict(phantom.target) if known is None and not hidden else None,
         "probe": {
             "width": scene_picture.PROBE_MM,
             "slab": scene_picture.SLAB_MM,

@@ -10,8 +10,7 @@ from typing import Any
 
 from usbench.checks import unknown
 from usbench.cli.arguments import number, setting
-from usbench.envs.anatomy.placement import Placement
-from usbench.envs.anatomy.tissue import Anatomy, Echogenicity, Recording
+from usbench.envs.anatomy import Anatomy, Echogenicity, Placement, Recording
 from usbench.envs.pose import Pose
 from usbench.envs.task import COORDINATES
 from usbench.records import VOLUME, ConfigurationError

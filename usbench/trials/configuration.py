@@ -8,7 +8,7 @@ from usbench import suite
 from usbench.agents import zoo
 from usbench.agents.hyperparameters import check_seed
 from usbench.checks import probability, unknown, whole_number
-from usbench.envs.anatomy.tissue import Anatomy
+from usbench.envs.anatomy import Anatomy
 from usbench.envs.pose import Pose
 from usbench.envs.task import IMAGE, Task, check_reward
 from usbench.records import ConfigurationError, TrialConfig

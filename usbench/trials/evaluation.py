@@ -13,7 +13,7 @@ import torch
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 from usbench import suite
-from usbench.envs.anatomy.tissue import Anatomy
+from usbench.envs.anatomy import Anatomy
 from usbench.records import OF_A_PHANTOM, SETTINGS, Evaluation
 
 # Seed of the actions that a stochastic agent draws in evaluations; the episodes' own seeds are the suite's.

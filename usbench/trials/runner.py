@@ -20,7 +20,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 
 from usbench import records, suite
 from usbench.atomic import atomic_path, remove_leftovers
-from usbench.envs.anatomy.tissue import Anatomy
+from usbench.envs.anatomy import Anatomy
 from usbench.envs.frames import frame_store
 from usbench.records import TrialConfig, checksums
 from usbench.records.journal import Journal

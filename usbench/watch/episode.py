@@ -5,7 +5,7 @@ from typing import Any
 
 from usbench import suite
 from usbench.envs import oracle
-from usbench.envs.anatomy.tissue import Anatomy
+from usbench.envs.anatomy import Anatomy
 
 
 def optimum(

@@ -12,7 +12,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from usbench import records, suite
-from usbench.envs.anatomy.tissue import Anatomy
+from usbench.envs.anatomy import Anatomy
 from usbench.envs.pose import Pose
 from usbench.records.journal import read_rows
 from usbench.trials import anatomy_record

@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from usbench.atomic import atomic_file
-from usbench.envs.anatomy.tissue import Anatomy, Echogenicity, Recording
 from usbench.envs.bmode import DEFAULT_IMAGING, envelope
 from usbench.envs.frames import frame_store
 from usbench.envs.phantom import Phantom
@@ -20,6 +19,7 @@ from usbench.envs.probe import DEFAULT_ARRAY
 from usbench.envs.rf import simulate_iq, simulate_rf
 from usbench.envs.scanner import HALF_THICKNESS, HALF_WIDTH
 from usbench.envs.settings import in_words, tuned
+from usbench.envs.tissue import Tissue
 from usbench.figures import style
 from usbench.records import ConfigurationError
 
@@ -74,25 +74,24 @@ def path(out: Path | None, kind: str, pose: Pose, plain: bool = False, label: st
     return out
 
 
-def take(pose: Pose, kind: str = "frame", phantom: Phantom | Anatomy | None = None, label: str = "") -> Still:
+def take(pose: Pose, kind: str = "frame", phantom: Tissue | None = None, label: str = "") -> Still:
     """Simulate what the default array sees of a phantom (None: the default) or anatomy, or take what is kept.
 
     Raises:
         ConfigurationError: If RF, envelope or settings of a recorded image are asked for.
     """
     phantom = Phantom() if phantom is None else phantom
-    if isinstance(phantom, Recording) and (kind != "frame" or in_words(pose)):
+    if not phantom.has_focus and (kind != "frame" or in_words(pose)):
         asked = kind if kind != "frame" else "settings of a scanner"
         raise ConfigurationError(f"a recorded image has no {asked}: leave it out, or simulate it.")
     plain, array, imaging = tuned(pose, DEFAULT_ARRAY, DEFAULT_IMAGING)
     if kind == "frame":
         frame = frame_store(phantom, DEFAULT_ARRAY, DEFAULT_IMAGING).frame(pose)
         rows = (0.0, imaging.depth * 1e3)
-        if isinstance(phantom, Recording):
+        if not phantom.has_focus:
             return Still(SLICE, pose, frame, rows, "255 for the image's largest voxel")
         unit = f"0 to 255 for the {imaging.dynamic_range_db:g} dB up to the frame's maximum"
         return Still(kind, pose, frame, rows, unit, label)
-    assert isinstance(phantom, Phantom | Echogenicity)
     positions, amplitudes = phantom.in_view(plain, HALF_WIDTH, HALF_THICKNESS)
     scene = (positions, amplitudes, array, pose.focal_depth_mm * 1e-3)
     attenuation = phantom.attenuation_db_per_cm_mhz

@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 
+from usbench.envs.anatomy import Echogenicity
 from usbench.envs.anatomy.placement import Placement
-from usbench.envs.anatomy.tissue import Echogenicity, _scatterers
-from usbench.envs.bmode import Imaging
+from usbench.envs.anatomy.simulated import _scatterers
 from usbench.envs.pose import Pose
-from usbench.envs.probe import LinearArray
+from usbench.envs.scanner import scan
 
 
 def test_scatterers_are_as_strong_as_the_image_is_bright(image):
@@ -81,7 +81,7 @@ def test_the_simulator_shows_the_image(image):
         return np.where((x - 6) ** 2 + y**2 + (z - 45) ** 2 < 8**2, 100.0, 10.0)
 
     path = image(tissue, (81, 41, 91), origin=(-40, -20, 0))
-    (frame,) = Echogenicity.read(path).frames([Pose(0, 50, 0)], LinearArray(), Imaging())
+    frame = scan(Echogenicity.read(path), Pose(0, 50, 0))
     decibels = frame.astype(float) / 255 * 60
     row, column = np.mgrid[0:90, 0:40]
     distance = np.hypot(column - 19.5 - 6, row + 0.5 - 45)
@@ -92,10 +92,7 @@ def test_the_simulator_shows_the_image(image):
 
 def test_what_attenuates_is_darker_below(tissue_file):
     plain, lossy = (
-        Echogenicity.read(tissue_file, attenuation_db_per_cm_mhz=loss).frames(
-            [Pose()], LinearArray(), Imaging()
-        )[0]
-        for loss in (0.0, 0.5)
+        scan(Echogenicity.read(tissue_file, attenuation_db_per_cm_mhz=loss), Pose()) for loss in (0.0, 0.5)
     )
     rows = (np.arange(90) + 0.5) * 0.1  # cm
     below = slice(20, 80)

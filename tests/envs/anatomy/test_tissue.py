@@ -10,15 +10,18 @@ import pytest
 import SimpleITK as sitk
 from volumes import write
 
+from usbench.envs.anatomy import Echogenicity, Placement, Recording
 from usbench.envs.anatomy import tissue as anatomy
-from usbench.envs.anatomy.placement import Placement
-from usbench.envs.anatomy.tissue import Echogenicity, Recording
 from usbench.envs.bmode import Imaging
 from usbench.envs.frames import FrameStore
+from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Pose
 from usbench.envs.probe import LinearArray
+from usbench.envs.scanner import scan
+from usbench.envs.tissue import Tissue
 
 ARRAY, IMAGING = LinearArray(), Imaging()
+SHAPE = (90, 40), 1e-3
 
 
 def test_an_anatomy_is_its_content(tissue_file, tmp_path):
@@ -42,19 +45,19 @@ def test_an_anatomy_is_its_content(tissue_file, tmp_path):
 def test_a_file_that_changed_is_never_taken_for_what_it_was(tmp_path):
     path = write(tmp_path / "image.mha", np.full((90, 80, 80), 100, np.uint8))
     recording = Recording.read(path)
-    (before,) = recording.frames([Pose()], ARRAY, IMAGING)
+    before = recording.recorded_frame(Pose(), *SHAPE)
     write(path, np.full((90, 80, 80), 101, np.uint8))
     # This process has read it; another one would have to now.
-    np.testing.assert_array_equal(recording.frames([Pose()], ARRAY, IMAGING)[0], before)
+    np.testing.assert_array_equal(recording.recorded_frame(Pose(), *SHAPE), before)
     anatomy._volume.cache_clear()
     with pytest.raises(
         ValueError, match=r"image.mha' has been changed: its digest must be \w{16}, not \w{16}"
     ):
-        recording.frames([Pose()], ARRAY, IMAGING)
+        recording.recorded_frame(Pose(), *SHAPE)
     assert Recording.read(path) != recording
     path.unlink()
     with pytest.raises(FileNotFoundError, match="there is no volume"):
-        dataclasses.replace(recording, digest="1" * 64).frames([Pose()], ARRAY, IMAGING)
+        dataclasses.replace(recording, digest="1" * 64).recorded_frame(Pose(), *SHAPE)
 
 
 def test_a_pickled_anatomy_is_its_configuration(tissue_file):
@@ -137,7 +140,7 @@ def test_the_environment_examines_it(tissue_file):
     recording = Recording.read(tissue_file, target=Pose(10, 50, 30))
     env = gym.make("usbench/ProbePlane-v0", phantom=recording, render_mode="rgb_array")
     frame, info = env.reset(seed=1, options={"x_mm": 5, "angle_deg": 45})
-    np.testing.assert_array_equal(frame[:, :, 0], recording.frames([Pose(5, 50, 45)], ARRAY, IMAGING)[0])
+    np.testing.assert_array_equal(frame[:, :, 0], recording.recorded_frame(Pose(5, 50, 45), *SHAPE))
     assert [info[f"target_{name}"] for name in ("x_mm", "focal_depth_mm", "angle_deg")] == [10, 50, 30]
     assert info["distance_mm"] == 5 and info["sin_angle"] == pytest.approx(math.sin(math.radians(15)))
     _, reward, *_ = env.step(2)
@@ -149,9 +152,19 @@ def test_the_environment_examines_it(tissue_file):
 
 @pytest.mark.parametrize("name", ["FocalPoint", "Examination", "ExaminationStop"])
 def test_a_recording_has_no_focus_to_be_moved(tissue_file, name):
-    with pytest.raises(ValueError, match="a recorded image has a focus of its own"):
+    with pytest.raises(ValueError, match="a recorded image keeps the focus of its recording"):
         gym.make(f"usbench/{name}-v0", phantom=Recording.read(tissue_file))
     assert gym.make(f"usbench/{name}-v0", phantom=Echogenicity.read(tissue_file)).unwrapped.target == Pose()
+
+
+def test_a_recording_cannot_be_simulated(tissue_file):
+    with pytest.raises(ValueError, match="a recorded image has no scatterers"):
+        scan(Recording.read(tissue_file), Pose())
+
+
+def test_phantoms_and_anatomies_are_tissue(tissue_file):
+    for tissue in (Phantom(), Recording.read(tissue_file), Echogenicity.read(tissue_file)):
+        assert isinstance(tissue, Tissue) and tissue.shown.target is not None
 
 
 def test_a_reward_from_the_image_of_another_object_is_refused(tissue_file):
