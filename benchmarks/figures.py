@@ -1,7 +1,7 @@
 """The figures and the table of widths of docs/physics.md: `make figures`.
 
-The widths are compared with those of an independent code (esdiva 0.3.0, the Field II method). They lie beside
-the repository in ../shared/reference and are not part of it; without them, ours stand alone.
+The widths are compared with those of an independent code (esdiva 0.3.0, the Field II method), which are in
+tests/reference.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from usbench.envs.rf import simulate_iq
 from usbench.envs.scanner import scan
 
 DOCS = Path(__file__).parents[1] / "docs"
-REFERENCE = Path(__file__).parents[2] / "shared" / "reference" / "rf_reference.npz"
+REFERENCE = Path(__file__).parents[1] / "tests" / "reference" / "rf_reference.npz"
 DEPTHS = (20e-3, 35e-3, 50e-3, 70e-3)
 OFFSETS = np.arange(101) * 1e-4
 Floats = npt.NDArray[np.float64]
@@ -53,9 +53,7 @@ def decibels(values: Floats) -> Floats:
 
 
 def references() -> dict[tuple[float, float], Floats]:
-    """Return the reference's profiles by focal depth and depth, none if it is not there."""
-    if not REFERENCE.exists():
-        return {}
+    """Return the reference's profiles by focal depth and depth."""
     with np.load(REFERENCE) as data:
         return {
             (focus, depth): data["psf_lateral"][i, k].astype(np.float64)
@@ -71,11 +69,10 @@ def widths(theirs: dict[tuple[float, float], Floats]) -> Table:
     )
     for focus in (50e-3, 20e-3):
         for depth in DEPTHS:
-            ours, other = profile(focus, depth), theirs.get((focus, depth))
+            ours, other = profile(focus, depth), theirs[focus, depth]
             row = [f"{focus * 1e3:.0f} mm", f"{depth * 1e3:.0f} mm"]
             for level in (-6.0, -20.0):
-                row.append(width(ours, level))
-                row.append("" if other is None else width(other, level))
+                row += [width(ours, level), width(other, level)]
             table.add_row(*row)
     return table
 
@@ -98,10 +95,10 @@ def point_response(theirs: dict[tuple[float, float], Floats]) -> Figure:
     for above, below, depth in zip(*axes, DEPTHS, strict=True):
         point_image(above, depth)
         both = np.concatenate([-OFFSETS[:0:-1], OFFSETS]) * 1e3
-        lines = [(profile(50e-3, depth), "usbench", {"color": "black", "linewidth": 1.0})]
-        if (50e-3, depth) in theirs:
-            style = {"color": "0.72", "linewidth": 4.0}
-            lines.insert(0, (theirs[50e-3, depth], "esdiva (Field II method)", style))
+        lines = [
+            (theirs[50e-3, depth], "esdiva (Field II method)", {"color": "0.72", "linewidth": 4.0}),
+            (profile(50e-3, depth), "usbench", {"color": "black", "linewidth": 1.0}),
+        ]
         for values, label, style in lines:
             below.plot(both, decibels(np.concatenate([values[:0:-1], values])), label=label, **style)
         below.set(xlim=(-10, 10), ylim=(-60, 2), xlabel="lateral (mm)")

@@ -3,7 +3,7 @@
     rf_l(t) = pulse(t) * sum_s a_s [h_l(r_s, t) * h_l(r_s, t)]        (* is convolution in time)
 
 with h the spatial impulse response of the line's apodised and delayed aperture (Tupholme 1969, Stepanishen
-1971; Jensen and Svendsen 1992). `slow_sum.py` computes this model formula by formula. Here the bracket comes
+1971; Jensen and Svendsen 1992). `field/slow_sum.py` computes it formula by formula. Here the bracket comes
 from a table per focal depth (`field/response_table.py`) and the distance from the image plane from a short
 filter (`field/elevation.py`); this file adds up the scatterers, as I/Q (`LinearArray.iq_center_frequency`).
 Time zero of a line is the instant at which its reference point (x_l, 0, 0) fires. Tissue may attenuate, by

@@ -1,1 +1,1 @@
-"""How the RF of `usbench.envs.rf` is computed fast: responses, their tables, compiled sums."""
+"""How the RF of `usbench.envs.rf` is computed: fast, and, to be read, by `slow_sum.py`."""

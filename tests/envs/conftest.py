@@ -1,19 +1,16 @@
-"""What the tests of the physics share: the reference outside the repository, and the exact model."""
+"""What the tests of the physics share: the data of tests/reference, and frames."""
 
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-SHARED = Path(__file__).parents[3] / "shared"
-
-
-def shared_file(name):
-    """Path of a file beside the repository, or skip the test."""
-    path = SHARED / name
-    if not path.exists():
-        pytest.skip(f"needs ../shared/{name}, which lies beside the repository of its developers only")
-    return path
+REFERENCE = Path(__file__).parents[1] / "reference"
+# All lines of the reference; it lies beside the repository of those who develop it.
+FULL_REFERENCE = Path(__file__).parents[3] / "shared" / "reference" / "rf_reference.npz"
+REFERENCES = {"extract": REFERENCE / "rf_reference.npz"}
+if FULL_REFERENCE.exists():
+    REFERENCES["full"] = FULL_REFERENCE
 
 
 @pytest.fixture
@@ -67,15 +64,16 @@ def kept(scans):
 
 @pytest.fixture(scope="session")
 def reference():
-    """RF from two independent codes, see ../shared/reference/README.md."""
-    with np.load(shared_file("reference/rf_reference.npz")) as file:
+    """RF from two independent codes, see tests/reference/README.md."""
+    with np.load(REFERENCES["extract"]) as file:
         return dict(file)
 
 
-@pytest.fixture(scope="session")
-def plus():
-    """Folder with the real RF frame of the PLUS toolkit."""
-    return shared_file("data/plus/README.md").parent
+@pytest.fixture(scope="session", params=REFERENCES)
+def reference_lines(request):
+    """The same, and again with all of its lines where they are there."""
+    with np.load(REFERENCES[request.param]) as file:
+        return dict(file)
 
 
 @pytest.fixture

@@ -1,7 +1,7 @@
 """The image chain on signals whose envelope is known, on the reference and on real data."""
 
 import math
-import zlib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +10,7 @@ from usbench.envs.bmode import Imaging, bmode, envelope, log_compress
 from usbench.envs.probe import LinearArray
 from usbench.envs.rf import simulate_rf
 
+REFERENCE = Path(__file__).parents[1] / "reference"
 FS, F0, C = 25e6, 3.5e6, 1540.0
 LINES = (np.arange(64) - 31.5) * 0.625e-3
 PLAIN = Imaging(median_size=1)
@@ -132,11 +133,11 @@ def test_units_of_the_signal_do_not_matter(factor):
 
 
 @pytest.mark.parametrize("k, focal_depth", [(0, 50e-3), (1, 20e-3)])
-def test_image_against_that_of_field_ii(reference, k, focal_depth):
-    array, expected = LinearArray(), reference["rf_fst"][k].T
-    scene = reference["points"], reference["amplitudes"]
-    rf, _ = simulate_rf(*scene, array, focal_depth, reference["x_lines"])
-    lines = reference["x_lines"] + 0.3125e-3
+def test_image_against_that_of_field_ii(reference_lines, k, focal_depth):
+    array, expected = LinearArray(), reference_lines["rf_fst"][k].T.astype(float)
+    scene = reference_lines["points"], reference_lines["amplitudes"]
+    rf, _ = simulate_rf(*scene, array, focal_depth, reference_lines["x_lines"])
+    lines = reference_lines["x_lines"] + 0.3125e-3
     ours, theirs = (
         bmode(signals, FS, lines, time_zero=-array.pulse_delay, imaging=PLAIN) for signals in (rf, expected)
     )
@@ -145,29 +146,21 @@ def test_image_against_that_of_field_ii(reference, k, focal_depth):
     assert math.sqrt(np.mean(error**2)) <= 1.0
 
 
-def read_mha(path):
-    """Pixels of a MetaImage (rows, columns)."""
-    header, data = path.read_bytes().split(b"ElementDataFile = LOCAL\n", 1)
-    fields = dict(line.split(" = ", 1) for line in header.decode().splitlines())
-    data = zlib.decompress(data) if fields["CompressedData"].strip() == "True" else data
-    columns, rows = (int(size) for size in fields["DimSize"].split()[:2])
-    kind = {"MET_SHORT": "<i2", "MET_UCHAR": "u1"}[fields["ElementType"].strip()]
-    return np.frombuffer(data, kind).reshape(rows, columns)
-
-
-def test_real_data_against_the_image_of_plus(plus):
-    # 128 lines over 38 mm, 2080 samples over 55 mm, deepest first. PLUS takes the fourth root of the envelope
-    # of the nearest sample and leaves the ends of a line black, where its Hilbert filter would not reach.
-    rows = read_mha(plus / "UltrasonixLinearRfData.igs.mha").astype(float)
+def test_real_data_against_the_image_of_plus():
+    # 16 of 128 lines over 38 mm, 2080 samples over 55 mm, deepest first. PLUS takes the fourth root of the
+    # envelope of the nearest sample and leaves the ends of a line black, where its Hilbert filter would not
+    # reach.
+    with np.load(REFERENCE / "plus_frame.npz") as file:
+        rows, theirs = file["iq_rows"].astype(float), file["image"]
     iq = (rows[0::2] + 1j * rows[1::2]).T[::-1].copy()
     iq[:17], iq[-17:] = 0, 0
-    theirs = read_mha(plus / "UltrasonixLinearScanConvertedData.igs.mha")[12:287, 25:215]
+    middle = (72 + 95) / 2 * 0.2e-3  # of the columns 72 to 94 of the whole image
     ours = bmode(
         iq,
         sampling_frequency=2080 * C / (2 * 55e-3),
-        line_positions=(np.arange(128) + 0.5) * 38e-3 / 128 - 19e-3,
+        line_positions=(np.arange(48, 64) + 0.5) * 38e-3 / 128 - middle,
         time_zero=0.2e-3 / C,  # a pixel of PLUS begins where ours has its centre
-        imaging=Imaging(60.0, 275, 190, 0.2e-3, median_size=1),
+        imaging=Imaging(60.0, *theirs.shape, 0.2e-3, median_size=1),
     )
     assert np.corrcoef(ours.ravel(), theirs.ravel())[0, 1] >= 0.9
 

@@ -1,6 +1,7 @@
 """Slices of a recorded image: where the probe is, however the image lies."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from usbench.envs.anatomy.volume_file import read
 from usbench.envs.pose import Pose
 from usbench.envs.tasks.probe_plane import PROBE_PLANE
 
+SPINE = Path(__file__).parents[2] / "reference" / "spine_phantom.mha"
 SHAPE = (90, 40), 1e-3
 
 
@@ -62,11 +64,11 @@ def test_a_turned_image_is_sliced_where_it_lies(image):
         assert np.abs(difference).max() <= 2
 
 
-def test_the_spine_phantom_is_what_its_readme_says(plus):
+def test_a_recording_of_a_spine_phantom_shows_a_vertebra():
     placement = Placement(center_x_mm=-2.5, skin_mm=5.0)
-    recording = Recording.read(plus / "SpinePhantomFreehandReconstructed.mha", placement=placement)
+    recording = Recording.read(SPINE, placement=placement)
     volume = recording.volume
-    assert volume.voxels.shape[::-1] == (147, 106, 104) and volume.spacing_mm.tolist() == [0.5] * 3
+    assert volume.voxels.shape[::-1] == (74, 53, 52) and volume.spacing_mm.tolist() == [1.0] * 3
     assert (volume.voxels > 0).mean() == pytest.approx(0.29, abs=0.005)
     frames = np.array([recording.recorded_frame(pose, *SHAPE) for pose in PROBE_PLANE.states[::10]])
     target = recording.recorded_frame(Pose(0, 50, 0), *SHAPE)

@@ -7,12 +7,12 @@ than the absolute tolerance of `approx`.
 import dataclasses
 import math
 
-import exact
 import numpy as np
 import pytest
 from scipy import signal
 
 from usbench.envs.bmode import Imaging, bmode
+from usbench.envs.field.slow_sum import excited_pulse
 from usbench.envs.probe import LinearArray
 from usbench.envs.rf import simulate_iq, simulate_rf
 
@@ -163,7 +163,7 @@ def test_lines_stand_where_their_number_and_spacing_put_them(n_lines, line_spaci
 @pytest.mark.parametrize("field", ["excitation_cycles", "impulse_response_cycles"])
 def test_more_cycles_last_longer_by_what_the_pulse_does(field):
     def pulse_spread(array):
-        pulse = np.pad(exact.excited_pulse(array), 400)
+        pulse = np.pad(excited_pulse(array), 400)
         return spread(np.arange(len(pulse)) / array.sampling_frequency, np.abs(signal.hilbert(pulse)))
 
     longer = changed(**{field: 5.0})
