@@ -4,9 +4,13 @@
 
 Jensen (1991): the echo of a point scatterer is the pulse, convolved with the spatial impulse responses of the
 transmitting and of the receiving aperture, which are one aperture here. Convolutions are computed as products
-of spectra, in float64. This file is made to be read: `usbench.envs.rf.simulate_rf` computes the same some
-thousand times as fast, and the tests compare it with this file. Only the configuration of `LinearArray` is
-taken from elsewhere. The sources stand in docs/physics.md.
+of spectra, in float64. This file is made to be read, and docs/physics.md walks through it. A frame takes
+most of an hour; `usbench.envs.rf.simulate_rf` computes the same in milliseconds, and the tests compare both.
+Only the configuration of `LinearArray` is taken from elsewhere.
+
+Sources, in full in docs/physics.md: Jensen (1991), the sum over scatterers; Tupholme (1969) and Stepanishen
+(1971), spatial impulse responses; Jensen and Svendsen (1992), rectangles in their far field; Szabo (2004),
+attenuation.
 """
 
 from __future__ import annotations

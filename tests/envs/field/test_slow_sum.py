@@ -1,5 +1,8 @@
 """The slow sum against closed forms: one element, the focus, and the times of the samples."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 from echoes import SMALL
@@ -8,6 +11,7 @@ from usbench.envs.field.slow_sum import one_way, slow_rf
 from usbench.envs.probe import LinearArray
 from usbench.envs.rf import simulate_rf
 
+ROOT = Path(__file__).parents[3]
 FREQUENCIES = np.linspace(2e6, 5e6, 7)
 
 
@@ -48,3 +52,15 @@ def test_nothing_there_is_silence():
 def test_every_scatterer_has_an_amplitude():
     with pytest.raises(ValueError, match="argument 2 is shorter"):
         slow_rf([(0, 0, 0.02), (0, 0, 0.03)], [1.0], LinearArray(**SMALL), 30e-3, [0.0])
+
+
+def test_the_docs_show_the_code_as_it_is():
+    code = without_indents((ROOT / "envs" / "field" / "slow_sum.py").read_text())
+    shown = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "physics.md").read_text(), re.DOTALL)
+    assert len(shown) >= 8
+    for excerpt in shown:
+        assert without_indents(excerpt) in code, excerpt
+
+
+def without_indents(text):
+    return "\n".join(line.strip() for line in text.splitlines())
