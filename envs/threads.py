@@ -27,20 +27,20 @@ def n_threads() -> int:
 
 
 def divided(n: int) -> list[slice]:
-    """Divide `n` items among the threads: as many slices as there are, or items, each with the next ones."""
+    """Divide `n` items among the threads: one slice of neighbouring items per thread, at most `n` slices."""
     n_parts = max(1, min(n_threads(), n))
     return [slice(n * k // n_parts, n * (k + 1) // n_parts) for k in range(n_parts)]
 
 
 def in_parallel(work: Callable[[_Item], _Result], items: Iterable[_Item]) -> list[_Result]:
-    """Return what `work` gives for every item, in their order; what it calls in turn uses one thread."""
+    """Return `work(item)` of every item, in their order; `work` itself then uses one thread."""
     n = n_threads()
     if n == 1:
         return [work(item) for item in items]
     return list(_pool(n).map(work, items))
 
 
-# Kept: to start threads takes a few hundredths of a frame, and far longer where others use the cores.
+# Kept, as to start threads takes a few hundredths of a frame's time, and far longer on a busy machine.
 @lru_cache(maxsize=1)
 def _pool(n: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(n, "usbench", initializer=_become_worker)
@@ -51,4 +51,4 @@ def _become_worker() -> None:
 
 
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_pool.cache_clear)  # threads stay behind
+    os.register_at_fork(after_in_child=_pool.cache_clear)  # a child has no threads of its parent
