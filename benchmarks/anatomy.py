@@ -16,6 +16,9 @@ from usbench.envs.probe import DEFAULT_ARRAY
 from usbench.figures import style
 from usbench.trials import anatomy_record
 
+HALF_MM = 1e3 * DEFAULT_IMAGING.width / 2
+EXTENT = (-HALF_MM, HALF_MM, 1e3 * DEFAULT_IMAGING.depth, 0)
+
 
 def draw(rows: dict[str, Anatomy], poses: list[Pose]) -> Figure:
     """Draw the frames of every anatomy, a row each, from the poses, a column each."""
@@ -23,7 +26,7 @@ def draw(rows: dict[str, Anatomy], poses: list[Pose]) -> Figure:
     for panels, (name, anatomy) in zip(axes, rows.items(), strict=True):
         store = frame_store(anatomy, DEFAULT_ARRAY, DEFAULT_IMAGING)
         for axis, pose in zip(panels, poses, strict=True):
-            axis.imshow(store.frame(pose), cmap="gray", vmin=0, vmax=255, extent=(-20, 20, 90, 0))
+            axis.imshow(store.frame(pose), cmap="gray", vmin=0, vmax=255, extent=EXTENT)
             axis.grid(False)
             axis.set_title(f"x {pose.x_mm} mm, {pose.angle_deg}°", fontsize=8)
             axis.tick_params(labelsize=7)

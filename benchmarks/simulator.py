@@ -32,7 +32,7 @@ from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Pose
 from usbench.envs.probe import DEFAULT_ARRAY
 from usbench.envs.rf import simulate_iq, simulate_rf
-from usbench.envs.scanner import scan, scan_batch
+from usbench.envs.scanner import scan, scan_batch, view
 from usbench.envs.tasks.focal_point import FOCAL_POINT
 from usbench.envs.tasks.probe_plane import PROBE_PLANE
 from usbench.envs.tasks.random_phantoms import FocalPointRandomEnv, ProbePlaneRandomEnv
@@ -136,7 +136,7 @@ def speed(n: int) -> Iterator[Row]:
     Focal depths take turns, so that a moment in which others use the cores is no single depth's.
     """
     phantom = Phantom()
-    phantom.in_view(Pose())
+    phantom.in_view(Pose(), *view(DEFAULT_ARRAY, DEFAULT_IMAGING))
     frames = {depth: partial(scan, phantom, Pose(0, depth)) for depth in range(5, 95, 5)}
     keep_tables(len(frames))
     frames[45]()
@@ -174,7 +174,7 @@ def environments(n: int) -> Iterator[Row]:
 
 def scaling() -> Iterator[Row]:
     """Time 1 and 10 times the scatterers of the default view."""
-    positions, amplitudes = Phantom().in_view(Pose())
+    positions, amplitudes = Phantom().in_view(Pose(), *view(DEFAULT_ARRAY, DEFAULT_IMAGING))
     rng = np.random.default_rng(0)
     many = np.tile(positions, (10, 1)) + rng.uniform(-2e-4, 2e-4, (10 * len(positions), 3))
     many[:, 2] = np.abs(many[:, 2]) + 1e-6

@@ -42,6 +42,11 @@ class Imaging:
             raise ValueError(f"median_size must be odd, not {self.median_size}.")
 
     @property
+    def width(self) -> float:
+        """Width of the image, m."""
+        return self.width_px * self.pixel_size
+
+    @property
     def depth(self) -> float:
         """Depth of the image's lower edge, m."""
         return self.height_px * self.pixel_size

@@ -11,11 +11,11 @@ import numpy.typing as npt
 from usbench.checks import probability, unknown
 from usbench.envs.bmode import Imaging
 from usbench.envs.frames import FrameStore, frame_store
-from usbench.envs.image_reward import likeness, standard_view
+from usbench.envs.image_reward import check_depth, likeness, standard_view
 from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Move, Pose, coordinates, sin_deg
 from usbench.envs.probe import LinearArray
-from usbench.envs.scene_picture import draw_scene
+from usbench.envs.scene.picture import draw_scene
 from usbench.envs.task import COORDINATES, IMAGE, REWARDS, Task, check_reward
 from usbench.envs.tissue import Tissue
 
@@ -60,12 +60,16 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
         self.phantom = self._fitting(self.default_phantom if phantom is None else phantom)
         self.probe = _instance("probe", probe, LinearArray())
         self.imaging = _instance("imaging", imaging, Imaging())
+        if self.reward == IMAGE:
+            check_depth(self.imaging)
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise unknown("render_mode", render_mode, self.metadata["render_modes"])
         self.render_mode = render_mode
         self.target = self.phantom.target
         self.action_space = gym.spaces.Discrete(len(self.task.actions))  # type: ignore[assignment]
-        self.observation_space = gym.spaces.Box(0, 255, (90, 40, 1), np.uint8)
+        self.observation_space = gym.spaces.Box(
+            0, 255, (self.imaging.height_px, self.imaging.width_px, 1), np.uint8
+        )
         self._pose: Pose | None = None
         self._frames: FrameStore | None = None
         self._steps_left = 0
@@ -125,7 +129,7 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
         if self.render_mode is None:
             gym.logger.warn("render() does nothing: make the environment with render_mode='rgb_array'.")
             return None
-        return draw_scene(self.phantom, self.pose, self._observation()[:, :, 0])
+        return draw_scene(self.phantom, self.pose, self._frame(self.pose), self.probe, self.imaging)
 
     def _fitting(self, tissue: Tissue) -> Tissue:
         """Return the tissue if this task can be done in it."""
@@ -159,7 +163,7 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
     def _reward(self, pose: Pose) -> float:
         if self.reward == IMAGE:
             # At most 0, as the others are.
-            return likeness(self._frame(pose), standard_view(self.probe, self.imaging)) - 1
+            return likeness(self._frame(pose), standard_view(self.probe, self.imaging), self.imaging) - 1
         return self.task.reward(pose, self.target, self.reward)
 
     def _info(self, displaced: dict[str, int]) -> dict[str, Any]:

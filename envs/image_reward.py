@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from usbench.envs.bmode import Imaging
+from usbench.envs.bmode import DEFAULT_IMAGING, Imaging
 from usbench.envs.frames import frame_store
 from usbench.envs.phantom import Phantom
 from usbench.envs.probe import LinearArray
@@ -21,26 +21,38 @@ Frame = npt.NDArray[np.uint8]
 
 # Phantoms of episodes have smaller seeds.
 TEXTBOOK = Phantom(seed=2**32)
-# The object's rows in its view, with a margin; speckle is smoothed away, px.
-ROWS = slice(20, 72)
-SMOOTHING = 2.0
+# The object's depths in its view, with a margin; speckle is smoothed away.
+DEPTHS_MM = (20, 72)
+SMOOTHING_MM = 2.0
 
 
-def likeness(frame: Frame, view: Frame) -> float:
+def likeness(frame: Frame, view: Frame, imaging: Imaging = DEFAULT_IMAGING) -> float:
     """Return how alike a frame (height_px, width_px) and the standard view are, from -1 to 1.
 
     Contrast times structure of the structural similarity (Wang, Bovik, Sheikh and Simoncelli 2004, Eq. 9 and
     10, without constants), 2 cov(f, v) / (var f + var v), at the depth where it is largest: an object that
     lies deeper looks the same, further down. A frame as a whole being brighter makes no difference.
     """
+    pixel_mm = 1e3 * imaging.pixel_size
     shown, wanted = (
-        cv2.GaussianBlur(image.astype(np.float32), (0, 0), SMOOTHING).astype(np.float64)
+        cv2.GaussianBlur(image.astype(np.float32), (0, 0), SMOOTHING_MM / pixel_mm).astype(np.float64)
         for image in (frame, view)
     )
-    wanted = wanted[ROWS] - wanted[ROWS].mean()
+    rows = slice(*(round(depth_mm / pixel_mm) for depth_mm in DEPTHS_MM))
+    wanted = wanted[rows] - wanted[rows].mean()
     windows = np.lib.stride_tricks.sliding_window_view(shown, len(wanted), axis=0)  # (n_depths, width, rows)
     covariance = np.tensordot(windows, wanted.T, axes=2) / wanted.size
     return float(np.max(2 * covariance / (windows.var(axis=(1, 2)) + wanted.var())))
+
+
+def check_depth(imaging: Imaging) -> None:
+    """Raise ValueError if the image ends above the middle of the object in the standard view."""
+    middle_mm = TEXTBOOK.target.focal_depth_mm
+    if 1e3 * imaging.depth < middle_mm:
+        raise ValueError(
+            f"with the reward 'image' the image must be at least {middle_mm} mm deep, where the object of "
+            f"the standard view is, not {1e3 * imaging.depth:g} mm."
+        )
 
 
 @lru_cache(maxsize=8)

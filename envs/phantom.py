@@ -170,9 +170,9 @@ class Phantom:
         return _scatterers(self)[1]
 
     def in_view(
-        self, pose: Pose, half_width_m: float = 0.020, half_thickness_m: float = 0.005
+        self, pose: Pose, half_width_m: float, half_thickness_m: float
     ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-        """Return positions (n, 3) m in the probe's frame and amplitudes (n,) of what is seen from `pose`."""
+        """Return positions (n, 3) m and amplitudes (n,) as seen from the probe: see `Scatterers`."""
         positions = pose.to_probe(self.positions)
         seen = (np.abs(positions[:, 0]) <= half_width_m) & (np.abs(positions[:, 1]) <= half_thickness_m)
         which = np.flatnonzero(seen)  # several times as fast as the mask

@@ -35,6 +35,9 @@ class LinearArray:
         excitation_cycles: Cycles of the excitation, a sine burst.
         impulse_response_cycles: Cycles of an element's impulse response, a sine burst times a Hann window.
         n_elevation: Number of rectangles into which an element is divided in elevation.
+        slice_thickness: Thickness in elevation of the tissue that makes a frame, m; scatterers farther than
+            half of it from the image plane are left out. The paper's authors simulate 10 mm, twice the
+            height of their elements.
     """
 
     center_frequency: float = 3.5e6
@@ -50,6 +53,7 @@ class LinearArray:
     excitation_cycles: float = 2.0
     impulse_response_cycles: float = 2.0
     n_elevation: int = 10
+    slice_thickness: float = 10e-3
 
     def __post_init__(self) -> None:
         """Hold the values as plain numbers, or refuse them."""
@@ -72,6 +76,16 @@ class LinearArray:
     def pitch(self) -> float:
         """Distance between the centres of neighbouring elements, m."""
         return self.element_width + self.kerf
+
+    @property
+    def aperture_width(self) -> float:
+        """Width of the elements that fire for one line, m."""
+        return self.n_active * self.pitch
+
+    @property
+    def width(self) -> float:
+        """Width that the scan lines cover, half a line's distance beyond the outermost included, m."""
+        return self.n_lines * self.line_spacing
 
     @property
     def wavelength(self) -> float:

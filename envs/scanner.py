@@ -15,8 +15,13 @@ from usbench.envs.settings import table_of, tuned
 from usbench.envs.threads import in_parallel
 from usbench.envs.tissue import Scatterers
 
-HALF_WIDTH = 20e-3
-HALF_THICKNESS = 5e-3
+
+def view(array: LinearArray, imaging: Imaging) -> tuple[float, float]:
+    """Return half width and half thickness (m) of what a frame is made of, as `in_view` takes them.
+
+    It is as wide as the image or the scan lines, whichever is wider: tissue beside the image spreads into it.
+    """
+    return max(array.width, imaging.width) / 2, array.slice_thickness / 2
 
 
 def scan(
@@ -28,7 +33,7 @@ def scan(
     array's and the imaging's.
     """
     pose, array, imaging = tuned(pose, array, imaging)
-    positions, amplitudes = phantom.in_view(pose, HALF_WIDTH, HALF_THICKNESS)
+    positions, amplitudes = phantom.in_view(pose, *view(array, imaging))
     iq, _ = simulate_iq(
         positions,
         amplitudes,

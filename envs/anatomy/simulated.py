@@ -53,10 +53,8 @@ class Echogenicity(Anatomy):
         loss = non_negative("attenuation_db_per_cm_mhz", self.attenuation_db_per_cm_mhz)
         object.__setattr__(self, "attenuation_db_per_cm_mhz", loss)
 
-    def in_view(
-        self, pose: Pose, half_width_m: float = 0.020, half_thickness_m: float = 0.005
-    ) -> tuple[Array, Array]:
-        """Return positions (n, 3) m in the probe's frame and amplitudes (n,) of what is seen from `pose`."""
+    def in_view(self, pose: Pose, half_width_m: float, half_thickness_m: float) -> tuple[Array, Array]:
+        """Return positions (n, 3) m and amplitudes (n,) as seen from the probe: see `Scatterers`."""
         tissue, amplitudes = _scatterers(self)
         positions = pose.to_probe(tissue)
         seen = (np.abs(positions[:, 0]) <= half_width_m) & (np.abs(positions[:, 1]) <= half_thickness_m)

@@ -98,7 +98,7 @@ def test_every_argument_is_in_the_key():
         "dynamic_range_db", "height_px", "width_px", "pixel_size", "median_size"
     }  # fmt: skip
     scenes = [SCENE, *variations()]
-    assert len({FrameStore(*scene).path for scene in scenes}) == len(scenes) == 29
+    assert len({FrameStore(*scene).path for scene in scenes}) == len(scenes) == 30
     assert FrameStore(*SCENE).path == FrameStore(Phantom(), LinearArray(), Imaging()).path
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from usbench.envs.bmode import Imaging
 from usbench.envs.image_reward import TEXTBOOK, likeness, standard_view
 from usbench.envs.oracle import policy
 from usbench.envs.pose import Pose
@@ -77,6 +78,11 @@ def test_the_optimum_is_not_known_for_it_and_other_kinds_are_refused():
         policy("pp", reward="image")
     with pytest.raises(ValueError, match="unknown reward 'images' .did you mean 'image'.*'paper', 'image'"):
         ProbePlaneEnv(reward="images")
+
+
+def test_an_image_that_ends_above_the_object_has_no_standard_view():
+    with pytest.raises(ValueError, match="the image must be at least 50 mm deep, .* not 40 mm"):
+        ProbePlaneEnv(reward="image", imaging=Imaging(height_px=40))
 
 
 def test_in_tissue_never_seen_the_standard_plane_is_most_like_the_textbook():

@@ -9,6 +9,9 @@ import pytest
 from usbench.envs.phantom import ObjectOfInterest, Phantom
 from usbench.envs.pose import Pose
 
+# Half width and half thickness that the default probe sees.
+VIEW = 0.020, 0.005
+
 
 @pytest.fixture(scope="module")
 def phantom():
@@ -73,17 +76,17 @@ def test_amplitudes_are_normal_with_std_1_outside_and_10_inside(phantom):
 
 
 def test_in_view_is_the_slab_under_the_probe(phantom):
-    positions, amplitudes = phantom.in_view(Pose())
+    positions, amplitudes = phantom.in_view(Pose(), *VIEW)
     assert np.all(np.abs(positions[:, 0]) <= 0.020) and np.all(np.abs(positions[:, 1]) <= 0.005)
     assert len(positions) == len(amplitudes)
     # Of the slab 6 203 mm^3 lie in the balls (spherical segments), 29 797 mm^3 do not: 1 723 + 828.
     assert len(positions) == pytest.approx(2_551, rel=0.08)
-    assert len(phantom.in_view(Pose(), half_thickness_m=0.0025)[0]) < len(positions)
+    assert len(phantom.in_view(Pose(), 0.020, 0.0025)[0]) < len(positions)
 
 
 def test_the_tissue_stays_where_it_is_when_the_probe_moves(phantom):
-    seen, amplitudes = phantom.in_view(Pose(5, 50, 0))
-    expected = phantom.in_view(Pose(0, 50, 0), half_width_m=0.025)
+    seen, amplitudes = phantom.in_view(Pose(5, 50, 0), *VIEW)
+    expected = phantom.in_view(Pose(0, 50, 0), 0.025, 0.005)
     for position, amplitude in zip(seen[:50], amplitudes[:50], strict=True):
         match = np.flatnonzero(expected[1] == amplitude)
         np.testing.assert_allclose(expected[0][match[0]] - position, [0.005, 0, 0], atol=1e-12)

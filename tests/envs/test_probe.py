@@ -28,6 +28,7 @@ def test_defaults_are_those_of_the_specification():
         "excitation_cycles": 2.0,
         "impulse_response_cycles": 2.0,
         "n_elevation": 10,
+        "slice_thickness": 10e-3,
     }
     assert array.pitch == pytest.approx(0.49e-3)
     assert array.wavelength == pytest.approx(0.44e-3)

@@ -9,7 +9,7 @@ from usbench.envs.bmode import Imaging
 from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Pose
 from usbench.envs.probe import LinearArray
-from usbench.envs.scanner import scan, scan_batch
+from usbench.envs.scanner import scan, scan_batch, view
 
 PHANTOM = Phantom()
 
@@ -55,6 +55,39 @@ def test_a_wire_shows_at_its_place_through_the_median():
     image = scan(Scene([(0, 0, 50e-3 + dz) for dz in (-1.2e-3, 0, 1.2e-3)]), Pose(0, 50, 0))
     rows, columns = np.nonzero(image == image.max())
     assert image.max() > 0 and 49 <= rows.mean() + 0.5 <= 51 and 19 <= columns.mean() + 0.5 <= 21
+
+
+def test_a_wide_probe_sees_as_far_as_its_image():
+    """Beyond 20 mm, where the default image ends, wider ones once were black."""
+    array, imaging = LinearArray(n_lines=96), Imaging(width_px=60, median_size=1)
+    assert view(array, imaging) == (0.030, 0.005)
+    image = scan(Phantom(), Pose(), array, imaging)
+    assert image.shape == (90, 60)
+    # Speckle of the tissue, as far to the sides as in the middle.
+    assert min((image[:, :6] > 0).mean(), (image[:, -6:] > 0).mean()) > 0.7
+
+    class Point(Scene):
+        def in_view(self, pose, half_width_m, half_thickness_m):
+            positions, amplitudes = super().in_view(pose, half_width_m, half_thickness_m)
+            seen = np.abs(positions[:, 0]) <= half_width_m
+            return positions[seen], amplitudes[seen]
+
+    image = scan(Point([(25e-3, 0, 50e-3)]), Pose(), array, imaging)
+    row, column = np.unravel_index(image.argmax(), image.shape)
+    assert image.max() == 255 and row in (49, 50) and column in (54, 55)
+
+
+def test_the_view_follows_probe_and_imaging():
+    assert view(LinearArray(), Imaging()) == (20e-3, 5e-3)
+    assert view(LinearArray(n_lines=32), Imaging(width_px=80, pixel_size=0.25e-3)) == (10e-3, 5e-3)
+    assert view(LinearArray(slice_thickness=4e-3), Imaging(width_px=128)) == (64e-3, 2e-3)
+
+
+def test_a_thick_slice_sees_what_lies_beside_the_image_plane():
+    thin, thick = (
+        scan(Phantom(), Pose(), LinearArray(slice_thickness=thickness)) for thickness in (4e-3, 20e-3)
+    )
+    assert not np.array_equal(thin, thick)
 
 
 def test_moving_the_probe_moves_a_point_the_other_way():

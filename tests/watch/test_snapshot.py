@@ -8,12 +8,12 @@ from matplotlib.image import imread
 from PIL import Image
 
 from usbench import cli
-from usbench.envs.bmode import log_compress
+from usbench.envs.bmode import DEFAULT_IMAGING, log_compress
 from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Pose
 from usbench.envs.probe import DEFAULT_ARRAY
 from usbench.envs.rf import simulate_iq
-from usbench.envs.scanner import HALF_THICKNESS, HALF_WIDTH, scan
+from usbench.envs.scanner import scan, view
 from usbench.envs.settings import Setup
 from usbench.envs.tasks.random_phantoms import ProbePlaneRandomEnv
 from usbench.records import ConfigurationError
@@ -43,7 +43,7 @@ def test_frame_with_settings_is_the_scanners():
 
 def test_envelope_of_tissue_that_attenuates_is_the_simulators():
     phantom = Phantom(attenuation_db_per_cm_mhz=0.5)
-    positions, amplitudes = phantom.in_view(SETUP, HALF_WIDTH, HALF_THICKNESS)
+    positions, amplitudes = phantom.in_view(SETUP, *view(DEFAULT_ARRAY, DEFAULT_IMAGING))
     array = replace(DEFAULT_ARRAY, center_frequency=3e6)
     iq, _ = simulate_iq(positions, amplitudes, array, 50e-3, max_depth=90e-3, attenuation_db_per_cm_mhz=0.5)
     np.testing.assert_allclose(snapshot.take(SETUP, "envelope", phantom).values, np.abs(iq), rtol=1e-5)

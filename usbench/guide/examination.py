@@ -13,6 +13,7 @@ from usbench.envs import oracle
 from usbench.envs.anatomy import Anatomy
 from usbench.envs.frames import frame_store
 from usbench.envs.pose import Move
+from usbench.envs.probe import LinearArray
 from usbench.envs.task import COORDINATES
 from usbench.watch import episode
 from usbench.watch.advice import Advice, Adviser
@@ -83,6 +84,11 @@ class Examination:
     def phantom(self) -> Any:
         """What is examined."""
         return self._env.unwrapped.phantom  # type: ignore[attr-defined]
+
+    @property
+    def array(self) -> LinearArray:
+        """The probe's transducer."""
+        return self._env.unwrapped.probe  # type: ignore[attr-defined,no-any-return]
 
     @property
     def goal(self) -> str:

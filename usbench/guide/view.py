@@ -4,7 +4,7 @@ import base64
 from dataclasses import asdict
 from typing import Any
 
-from usbench.envs import scene_picture
+from usbench.envs.scene.picture import Probe
 from usbench.guide.controls import controls
 from usbench.guide.examination import Examination
 from usbench.watch.film import fixed
@@ -27,11 +27,7 @@ def seen(examination: Examination, *, hidden: bool) -> dict[str, Any]:
         "phantom": {name: getattr(phantom, name) for name in ("width_mm", "height_mm", "depth_mm")},
         "balls": [[*ball.center_mm, ball.radius_mm] for ball in balls],
         "target": asdict(phantom.target) if known is None and not hidden else None,
-        "probe": {
-            "width": scene_picture.PROBE_MM,
-            "slab": scene_picture.SLAB_MM,
-            "aperture": scene_picture.APERTURE_MM,
-        },
+        "probe": asdict(Probe.of(examination.array)),
         "happened": happened(examination),
         "at_goal": examination.at_goal if tells else None,
         "return": fixed(examination.return_) if tells else None,

@@ -10,8 +10,8 @@ import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
 from usbench import records, suite
-from usbench.envs import scene_picture
 from usbench.envs.pose import Pose
+from usbench.envs.scene import drawing
 from usbench.figures import state_map
 from usbench.records import ConfigurationError
 from usbench.report import pictures
@@ -204,7 +204,7 @@ def _page(moment: Moment, steps: int) -> Image.Image:
     """Return a small picture with two lines below it: `film.page` has four, and text takes most of a film."""
     picture = Image.fromarray(moment.picture)
     size = REPLAY_WIDTH, round(picture.height * REPLAY_WIDTH / picture.width)
-    page = Image.new("RGB", (REPLAY_WIDTH, size[1] + FOOTER), scene_picture.BACKGROUND)
+    page = Image.new("RGB", (REPLAY_WIDTH, size[1] + FOOTER), drawing.BACKGROUND)
     page.paste(picture.resize(size, Image.Resampling.LANCZOS), (0, 0))
     words = [
         f"{moment.step}/{steps} {moment.action}{f', slipped {moment.slip}' if moment.slip else ''}",
@@ -213,7 +213,7 @@ def _page(moment: Moment, steps: int) -> Image.Image:
     font = ImageFont.load_default(size=TEXT_SIZE)
     for number, line in enumerate(words):
         place = MARGIN, size[1] - MARGIN + LINE * number
-        ImageDraw.Draw(page).text(place, line, fill=scene_picture.TEXT, font=font)
+        ImageDraw.Draw(page).text(place, line, fill=drawing.TEXT, font=font)
     page.info["duration"] = film.LAST_STEP_MS if moment.step == steps else film.STEP_MS
     return page
 

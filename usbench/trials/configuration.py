@@ -20,7 +20,7 @@ TRAINED_ON = (TRUE_REWARD, IMAGE)
 MAX_FRAMES = 64
 # Settings that are younger than trials which are kept: left out where they change nothing, so that a trial
 # has the name that it always had.
-LATER = {"attenuation_db_per_cm_mhz": 0.0}
+LATER = {"attenuation_db_per_cm_mhz": 0.0, "slice_thickness": 10e-3}
 # What is recorded with a trial, since its bits depend on them.
 PACKAGES = (
     "usbench",

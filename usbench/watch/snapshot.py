@@ -17,7 +17,7 @@ from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Pose
 from usbench.envs.probe import DEFAULT_ARRAY
 from usbench.envs.rf import simulate_iq, simulate_rf
-from usbench.envs.scanner import HALF_THICKNESS, HALF_WIDTH
+from usbench.envs.scanner import view
 from usbench.envs.settings import in_words, tuned
 from usbench.envs.tissue import Tissue
 from usbench.figures import style
@@ -92,7 +92,7 @@ def take(pose: Pose, kind: str = "frame", phantom: Tissue | None = None, label: 
             return Still(SLICE, pose, frame, rows, "255 for the image's largest voxel")
         unit = f"0 to 255 for the {imaging.dynamic_range_db:g} dB up to the frame's maximum"
         return Still(kind, pose, frame, rows, unit, label)
-    positions, amplitudes = phantom.in_view(plain, HALF_WIDTH, HALF_THICKNESS)
+    positions, amplitudes = phantom.in_view(plain, *view(array, imaging))
     scene = (positions, amplitudes, array, pose.focal_depth_mm * 1e-3)
     attenuation = phantom.attenuation_db_per_cm_mhz
     if kind == "rf":

@@ -17,7 +17,8 @@ from rich.style import Style
 from rich.text import Text
 
 from usbench import records
-from usbench.envs import scene_picture
+from usbench.envs.scene import picture
+from usbench.envs.scene.drawing import BACKGROUND
 from usbench.envs.settings import in_words
 from usbench.figures import style as drawing
 from usbench.records import ConfigurationError
@@ -27,13 +28,8 @@ from usbench.watch import film, replay
 from usbench.watch.advice import Adviser
 from usbench.watch.replay import Moment
 
-# Left edge and width of the scene's panels in its picture, and the rows that they share with the probe above.
-PANELS = {
-    "From above": (scene_picture.ABOVE_LEFT, scene_picture.VIEW),
-    "From the side": (scene_picture.SIDE_LEFT, scene_picture.VIEW),
-    "B-mode frame": (scene_picture.FRAME_LEFT, 40 * scene_picture.FRAME_SCALE),
-}
-ROWS = (scene_picture.TOP - 40, scene_picture.BOTTOM)
+# The rows that the panels of the scene share, with the probe above.
+ROWS = (picture.TOP - 40, picture.BOTTOM)
 GAP = 2
 TEXT_LINES = 8
 SHADES = " ░▒▓█"
@@ -154,7 +150,7 @@ def screen(moment: Moment, steps: int, names: Sequence[str], console: Console) -
     image, starts = panels(moment.picture, width, height - TEXT_LINES)
     text = Text()
     heads = " " * width
-    for name, start in zip(PANELS, starts, strict=True):
+    for name, start in zip(picture.panels(moment.picture.shape[1]), starts, strict=True):
         heads = heads[:start] + name + heads[start + len(name) :]
     text.append(heads[:width].rstrip() + "\n", style="bold")
     text.append_text(blocks(image, colored=console.color_system is not None))
@@ -172,24 +168,23 @@ def screen(moment: Moment, steps: int, names: Sequence[str], console: Console) -
     return text
 
 
-def panels(
-    picture: npt.NDArray[np.uint8], width: int, height: int
-) -> tuple[npt.NDArray[np.uint8], list[int]]:
+def panels(scene: npt.NDArray[np.uint8], width: int, height: int) -> tuple[npt.NDArray[np.uint8], list[int]]:
     """Return the scene's panels side by side for `width` x `height` characters of two pixels each.
 
     Returns:
         (2 rows, columns, 3) uint8, with at most `height` rows and `width` columns, and where each begins.
     """
-    wide = sum(size for _, size in PANELS.values())
+    places = list(picture.panels(scene.shape[1]).values())
+    wide = sum(size for _, size in places)
     scale = min(2 * max(height, 1) / (ROWS[1] - ROWS[0]), max(width - 2 * GAP, 3) / wide)
     n_rows = 2 * max(int((ROWS[1] - ROWS[0]) * scale / 2), 1)
     parts: list[npt.NDArray[np.uint8]] = []
     starts: list[int] = []
-    for left, size in PANELS.values():
+    for left, size in places:
         starts.append(sum(part.shape[1] for part in parts))
-        cut = picture[ROWS[0] : ROWS[1], left : left + size].copy()
-        if left == scene_picture.ABOVE_LEFT:  # the phantom is less wide than deep, and below it stands text
-            cut[scene_picture.TOP + size - ROWS[0] :] = scene_picture.BACKGROUND
+        cut = scene[ROWS[0] : ROWS[1], left : left + size].copy()
+        if left == picture.ABOVE_LEFT:  # the phantom is less wide than deep, and below it stands text
+            cut[picture.TOP + size - ROWS[0] :] = BACKGROUND
         shape = (max(int(size * scale), 1), n_rows)
         parts += [
             np.asarray(cv2.resize(cut, shape, interpolation=cv2.INTER_AREA), dtype=np.uint8),

@@ -11,6 +11,9 @@ from usbench.envs.anatomy.simulated import _scatterers
 from usbench.envs.pose import Pose
 from usbench.envs.scanner import scan
 
+# Half width and half thickness that the default probe sees.
+VIEW = 0.020, 0.005
+
 
 def test_scatterers_are_as_strong_as_the_image_is_bright(image):
     path = image(lambda x, y, z: 60 + 50 * np.sign(x), (81, 81, 91), origin=(-40, -40, 0))
@@ -64,14 +67,16 @@ def test_speckle_is_the_seeds_and_fixed_to_the_tissue(tissue_file):
         Echogenicity.read(tissue_file, seed=3, target=Pose(5, 40, 0)),
         Echogenicity.read(tissue_file, seed=4),
     )
-    for mine, its in zip(one.in_view(Pose(5, 50, 30)), again.in_view(Pose(5, 50, 30)), strict=True):
+    for mine, its in zip(
+        one.in_view(Pose(5, 50, 30), *VIEW), again.in_view(Pose(5, 50, 30), *VIEW), strict=True
+    ):
         np.testing.assert_array_equal(mine, its)
-    assert not np.array_equal(one.in_view(Pose())[1][:100], other.in_view(Pose())[1][:100])
+    assert not np.array_equal(one.in_view(Pose(), *VIEW)[1][:100], other.in_view(Pose(), *VIEW)[1][:100])
     # What two poses see alike are the same scatterers.
     pose, moved = Pose(0, 50, 0), Pose(5, 50, 0)
-    here, there = ({*one.in_view(where)[1].tolist()} for where in (pose, moved))
+    here, there = ({*one.in_view(where, *VIEW)[1].tolist()} for where in (pose, moved))
     assert 0.8 < len(here & there) / len(here) < 0.95  # 35 mm of 40
-    positions, _ = one.in_view(pose)
+    positions, _ = one.in_view(pose, *VIEW)
     assert (np.abs(positions) <= [0.020, 0.005, 0.090]).all()
 
 

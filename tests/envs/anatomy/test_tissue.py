@@ -62,7 +62,7 @@ def test_a_file_that_changed_is_never_taken_for_what_it_was(tmp_path):
 
 def test_a_pickled_anatomy_is_its_configuration(tissue_file):
     tissue = Echogenicity.read(tissue_file)
-    tissue.in_view(Pose())
+    tissue.in_view(Pose(), 0.020, 0.005)
     content = pickle.dumps(tissue)
     assert len(content) < 1000 and pickle.loads(content) == tissue
 

@@ -7,21 +7,12 @@ import numpy as np
 import pytest
 
 from usbench.envs.anatomy import Recording
+from usbench.envs.bmode import Imaging
 from usbench.envs.phantom import ObjectOfInterest, Phantom
 from usbench.envs.pose import Pose
-from usbench.envs.scene_picture import (
-    ABOVE_LEFT,
-    BODY,
-    FOCUS,
-    FRAME_LEFT,
-    FRAME_SCALE,
-    HEIGHT,
-    LIMB,
-    SIDE_LEFT,
-    TOP,
-    WIDTH,
-    draw_scene,
-)
+from usbench.envs.probe import LinearArray
+from usbench.envs.scene.drawing import BODY, FOCUS, LIMB
+from usbench.envs.scene.picture import ABOVE_LEFT, FRAME_LEFT, HEIGHT, SIDE_LEFT, TOP, draw_scene, panels
 from usbench.envs.tasks.probe_plane import ProbePlaneEnv
 
 PHANTOM = Phantom()
@@ -35,7 +26,7 @@ def colored(image, color, tolerance=25):
 def test_the_picture_has_a_fixed_even_size():
     for pose in (Pose(-20, 5, 0), Pose(20, 90, 90), Pose(0, 50, 195)):
         image = draw_scene(PHANTOM, pose, BLACK)
-        assert image.shape == (HEIGHT, WIDTH, 3) == (580, 1240, 3)
+        assert image.shape == (HEIGHT, 1240, 3) == (580, 1240, 3)
         assert image.dtype == np.uint8 and image.flags.writeable
 
 
@@ -45,9 +36,50 @@ def test_the_focal_point_is_marked_in_every_view(pose):
     x, depth = (40 + pose.x_mm) * 5, pose.focal_depth_mm * 5
     assert colored(image, FOCUS)[TOP + 200, ABOVE_LEFT + x]
     assert colored(image, FOCUS)[TOP + depth, SIDE_LEFT + x]
-    right = FRAME_LEFT + 40 * FRAME_SCALE
+    right = FRAME_LEFT + 200
     rows = np.flatnonzero(colored(image, FOCUS)[:, right + 5 : right + 18].any(axis=1))
     assert np.mean(rows) == pytest.approx(TOP + depth, abs=1)
+
+
+@pytest.mark.parametrize(
+    ("imaging", "height", "width"),
+    [
+        (Imaging(height_px=128, width_px=128), 450, 450),
+        (Imaging(height_px=64, width_px=64), 450, 450),
+        (Imaging(height_px=180, width_px=80, pixel_size=0.5e-3), 450, 200),
+        (Imaging(height_px=40, width_px=200), 120, 600),
+        (Imaging(height_px=7, width_px=3), 450, 192),
+    ],
+)
+def test_a_frame_of_any_size_is_shown_to_scale(imaging, height, width):
+    frame = np.full((imaging.height_px, imaging.width_px), 255, np.uint8)
+    for focal_depth_mm in (5, 50, 90):  # below the image, too
+        pose = Pose(0, focal_depth_mm, 0)
+        image = draw_scene(PHANTOM, pose, frame, imaging=imaging)
+        assert image.shape == (580, FRAME_LEFT + width + 40, 3) and image.shape[1] % 2 == 0
+        assert np.all(image[TOP : TOP + height, FRAME_LEFT : FRAME_LEFT + width] == 255)
+        assert panels(image.shape[1])["B-mode frame"] == (FRAME_LEFT, width)
+        marked = colored(image, FOCUS)[:, FRAME_LEFT + width :]
+        assert marked.any() == (focal_depth_mm <= 1e3 * imaging.depth)
+
+
+@pytest.mark.parametrize(("n_lines", "n_active", "slice_thickness"), [(96, 32, 10e-3), (32, 64, 4e-3)])
+def test_the_probe_is_drawn_as_wide_as_it_is(n_lines, n_active, slice_thickness):
+    array = LinearArray(n_lines=n_lines, n_active=n_active, slice_thickness=slice_thickness)
+    hidden = {"show_object": False}
+    turned = draw_scene(PHANTOM, Pose(0, 50, 90), BLACK, array, **hidden)
+    straight = draw_scene(PHANTOM, Pose(), BLACK, array, **hidden)
+    changed = np.any(turned != straight, axis=2)[TOP : TOP + 400, ABOVE_LEFT : ABOVE_LEFT + 400]
+    rows, columns = np.nonzero(changed)
+    assert np.ptp(rows) / 5 == pytest.approx(0.625 * n_lines, abs=1)
+    assert np.ptp(columns) / 5 == pytest.approx(0.625 * n_lines, abs=1)
+
+
+def test_a_phantom_shallower_than_the_focus_is_drawn():
+    small = Phantom(
+        width_mm=40, height_mm=40, depth_mm=45, object_of_interest=ObjectOfInterest(depth_mm=22, scale=0.5)
+    )
+    assert draw_scene(small, Pose(0, 90, 0), BLACK).shape == (580, 1240, 3)
 
 
 def test_the_frame_is_shown_in_its_place():

@@ -1,0 +1,1 @@
+"""The picture of an examination, which `render` returns."""
