@@ -8,13 +8,13 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
+from usbench.cli import phantom
 from usbench.envs.anatomy import Anatomy
 from usbench.envs.bmode import DEFAULT_IMAGING
 from usbench.envs.frames import frame_store
 from usbench.envs.pose import Pose
 from usbench.envs.probe import DEFAULT_ARRAY
 from usbench.figures import style
-from usbench.trials import anatomy_record
 
 HALF_MM = 1e3 * DEFAULT_IMAGING.width / 2
 EXTENT = (-HALF_MM, HALF_MM, 1e3 * DEFAULT_IMAGING.depth, 0)
@@ -50,7 +50,7 @@ def main() -> None:
     for kind in ("recorded", "simulated"):
         simulated = ("seed=", "density_per_mm3=", "dynamic_range_db=")
         words = [word for word in args.phantom if kind == "simulated" or not word.startswith(simulated)]
-        found = anatomy_record.asked([*words, f"frames={kind}"], looking=True)
+        found = phantom.asked([*words, f"frames={kind}"], looking=True)
         assert found is not None
         rows[kind] = found
     poses = [Pose(x, args.depth, angle) for x in args.x for angle in args.angles]

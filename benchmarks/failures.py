@@ -16,13 +16,14 @@ from usbench import records, suite
 from usbench.envs.frames import frame_store
 from usbench.figures import episode_ends, look_alikes, style
 from usbench.results import tables
+from usbench.setting import make_env
 
 NOT_DRAWN = ("random", "stay")
 
 
 def frames(task: str) -> np.ndarray:
     """Return the frames of all states of `task`, (n_states, height, width)."""
-    env = suite.make_env(task).unwrapped
+    env = make_env(task).unwrapped
     store = frame_store(env.phantom, env.probe, env.imaging)
     store.prepare(env.task.states)
     return np.stack([store.frame(pose) for pose in env.task.states])

@@ -18,7 +18,7 @@ from playwright.sync_api import expect, sync_playwright
 from usbench import suite
 from usbench.guide import server as guide_server
 from usbench.guide.session import Session
-from usbench.trials import runner
+from usbench.setting import Setting
 
 EPISODES = 8
 KEYS = {"Space": " "}
@@ -33,7 +33,7 @@ def main() -> None:
     torch.set_num_threads(1)  # as the command does
     session = Session(args.trial.parent, args.trial, seed=0)
     for task in suite.PAPER:
-        runner.prepare_frames(task)
+        Setting(task=task).prepare_frames()
     with guide_server.listening() as listener, sync_playwright() as playwright:
         server = guide_server.server(session)
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})

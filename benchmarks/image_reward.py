@@ -13,15 +13,15 @@ from rich.console import Console
 from rich.table import Table
 from scipy.stats import spearmanr
 
-from usbench import suite
 from usbench.envs.frames import frame_store
 from usbench.envs.image_reward import likeness, standard_view
 from usbench.envs.phantom import Phantom
+from usbench.setting import Setting, make_env
 
 
 def compare(task: str, phantom: Phantom) -> tuple[float, float, float]:
     """Return rank correlation, and distance in mm and angle in degrees of the best image from the goal."""
-    env: Any = suite.make_env(task).unwrapped
+    env: Any = make_env(task).unwrapped
     store, states = frame_store(phantom, env.probe, env.imaging), env.task.states
     store.prepare(states)
     view = standard_view(env.probe, env.imaging)
@@ -46,7 +46,7 @@ def main() -> None:
         head = ("phantom", "x", "depth", "angle", "size", "contrast", "correlation", "off (mm)", "off (deg)")
         table = Table(*head, title=f"{task}: reward from the image against the true one")
         found = []
-        for phantom in suite.evaluation_phantoms(task)[: args.phantoms]:
+        for phantom in Setting(task=task).evaluation_phantoms()[: args.phantoms]:
             correlation, distance_mm, angle_deg = compare(task, phantom)
             ooi = phantom.object_of_interest
             found.append(correlation)

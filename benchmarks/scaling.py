@@ -33,9 +33,9 @@ def finished(runs: Path) -> tuple[list[float], list[int]]:
     """Return seconds and bytes of every finished trial of an algorithm that learns."""
     seconds, sizes = [], []
     for folder in records.trial_folders(runs):
-        state = records.read_state(folder)
-        if state.get("status") == "finished" and state["config"]["steps"]:
-            seconds.append(state["timings"]["total_s"])
+        trial = records.Trial.read(folder)
+        if trial.status == "finished" and trial.config.steps:
+            seconds.append(trial.timings["total_s"])
             files = [path for pattern in dask_cluster.FILES for path in folder.glob(pattern)]
             sizes.append(sum(path.stat().st_size for path in files))
     if not seconds:

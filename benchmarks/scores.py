@@ -36,33 +36,33 @@ def trials(out: Path) -> pd.DataFrame:
 
     Only trials of the same algorithm on the same task are compared.
     """
-    states = {folder.name: records.read_state(folder) for folder in records.trial_folders(out)}
-    finished = {name: state for name, state in states.items() if state.get("status") == "finished"}
+    finished = [trial for trial in records.find_all(out) if trial.status == "finished"]
     if not finished:
         raise SystemExit(f"there is no finished trial in {str(out)!r}.")
     kinds: dict[tuple[str, str], list[dict[str, object]]] = {}
-    for state in finished.values():
-        kinds.setdefault(_kind(state), []).append(_settings(state))
+    for trial in finished:
+        kinds.setdefault(_kind(trial), []).append(_settings(trial))
     rows = []
-    for name, state in finished.items():
-        others = kinds[_kind(state)]
+    for trial in finished:
+        others = kinds[_kind(trial)]
         own = [
             f"{key}={value:g}"
-            for key, value in _settings(state).items()
+            for key, value in _settings(trial).items()
             if any(key not in other or other[key] != value for other in others)
         ]
-        minutes = state["timings"].get("training_s", 0.0) / 60
-        rows.append({"trial": name, "minutes": minutes, "settings": "\n".join(own)})
+        minutes = trial.timings.get("training_s", 0.0) / 60
+        rows.append({"trial": trial.name, "minutes": minutes, "settings": "\n".join(own)})
     return pd.DataFrame(rows)
 
 
-def _kind(state: dict[str, dict[str, str]]) -> tuple[str, str]:
-    return state["config"]["algo"], state["config"]["task"]
+def _kind(trial: records.Trial) -> tuple[str, str]:
+    return trial.config.algo, trial.config.task
 
 
-def _settings(state: dict[str, dict[str, object]]) -> dict[str, object]:
-    config = state["config"]
-    return {**config["hyperparameters"], **{key: config[key] for key in ("noise", "steps", "n_frames")}}
+def _settings(trial: records.Trial) -> dict[str, object]:
+    config = trial.config
+    cell = {key: getattr(config, key) for key in ("noise", "steps", "n_frames")}
+    return {**config.hyperparameters, **cell}
 
 
 def table(out: Path) -> Table:

@@ -42,15 +42,15 @@ def make(program: str, algo: str, task: str) -> Any:
     import torch
     from stable_baselines3.common.vec_env import DummyVecEnv
 
-    from usbench import suite
     from usbench.agents import zoo
+    from usbench.setting import Setting
     from usbench.trials.glibc_memory import keep_freed
 
     hyperparameters = zoo.hyperparameters(algo, task)
     if program == "here":
         torch.set_num_threads(1)
         keep_freed()
-        env = DummyVecEnv([lambda: suite.make_env(task)])
+        env = DummyVecEnv([Setting(task=task).make_env])
         return zoo.make(algo, env, 0, hyperparameters, device="cpu")
     if algo == "vpg":
         from plain import environment, spinning_up
@@ -169,7 +169,7 @@ def main() -> None:
     if args.child:
         child(args.child, args.algos[0], args.task)
         return
-    frames = f"from usbench.trials import runner; runner.prepare_frames({args.task!r})"
+    frames = f"from usbench.setting import Setting; Setting(task={args.task!r}).prepare_frames()"
     subprocess.run([sys.executable, "-c", frames], check=True)
     caption = CAPTION.format(task=args.task, turns=args.turns, steps=args.steps, warm_up=WARM_UP, asked=ASKED)
     table = Table(caption=caption, caption_justify="left")

@@ -11,27 +11,13 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.envs.registration import load_env_creator
 
+from usbench.anchors import Anchors
 from usbench.checks import probability, unknown
 from usbench.envs.guidance import GuidanceEnv
 from usbench.envs.pose import Move, Pose
 from usbench.envs.task import REWARDS, Task, check_reward
 
 PAPER_TARGET = Pose(0, 50, 0)
-
-
-@dataclass(frozen=True)
-class Returns:
-    """Expected undiscounted return of an episode, mean over the start poses.
-
-    Attributes:
-        optimal: Of the best policy that knows the pose.
-        random: Of actions drawn uniformly.
-        stay: Of never moving.
-    """
-
-    optimal: float
-    random: float
-    stay: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +96,7 @@ def returns(
     reward: str = "normalized",
     target: Pose = PAPER_TARGET,
     starts: tuple[Pose, ...] | None = None,
-) -> Returns:
+) -> Anchors:
     """Return the expected returns of the optimal policy, of random actions and of staying.
 
     Args:
@@ -142,14 +128,14 @@ def _kind(task: Task, reward: str) -> str:
 
 
 @lru_cache(maxsize=256)
-def _returns(task: Task, noise: float, reward: str, target: Pose, poses: tuple[Pose, ...]) -> Returns:
+def _returns(task: Task, noise: float, reward: str, target: Pose, poses: tuple[Pose, ...]) -> Anchors:
     starts = [task.indices[pose] for pose in poses]
     stay = [action.move for action in task.actions].index(Move())
     uniform = np.full(len(task.actions), 1 / len(task.actions))
     idle = np.eye(len(task.actions))[stay]
     optimal = _policy(task, noise, reward, target).values[0]
     random, staying = (_values(task, noise, reward, target, weights) for weights in (uniform, idle))
-    return Returns(*(float(values[starts].mean()) for values in (optimal, random, staying)))
+    return Anchors(*(float(values[starts].mean()) for values in (optimal, random, staying)))
 
 
 @lru_cache(maxsize=256)

@@ -35,10 +35,11 @@ def quick(monkeypatch):
 @pytest.fixture(scope="session")
 def _trial(tmp_path_factory):
     from usbench.trials import runner
+    from usbench.trials.configuration import resolve
 
     with pytest.MonkeyPatch.context() as monkeypatch:
         speed_up(monkeypatch)
-        config = runner.resolve("vpg", "pp", steps=128, noise=0.5)
+        config = resolve("vpg", "pp", steps=128, noise=0.5)
         return runner.run_trial(config, tmp_path_factory.mktemp("runs")).folder
 
 
@@ -52,12 +53,13 @@ def finished(quick, tmp_path, _trial):
 def trial_on(tmp_path_factory):
     """`trial_on(task)`, in a quick test: the folder of a finished trial (vpg, noise 0.25, 64 steps)."""
     from usbench.trials import runner
+    from usbench.trials.configuration import resolve
 
     done = {}
 
     def folder(task):
         if task not in done:
-            config = runner.resolve("vpg", task, steps=64, noise=0.25)
+            config = resolve("vpg", task, steps=64, noise=0.25)
             done[task] = runner.run_trial(config, tmp_path_factory.mktemp("runs")).folder
         return done[task]
 

@@ -9,9 +9,9 @@ import torch
 from gymnasium import spaces
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from usbench import suite
 from usbench.agents import zoo
 from usbench.agents.networks import ConvTrunk
+from usbench.setting import Setting
 
 # Small, so that two updates take a second.
 SMALL = {"n_steps": 16, "batch_size": 8, "buffer_size": 32, "learning_starts": 16}
@@ -58,7 +58,7 @@ def test_same_weights_give_the_same_features_and_gradients(plain, batch_statisti
 
 
 def ours(algo, hyperparameters):
-    return zoo.make(algo, DummyVecEnv([lambda: suite.make_env("pp")]), 0, hyperparameters, device="cpu")
+    return zoo.make(algo, DummyVecEnv([Setting(task="pp").make_env]), 0, hyperparameters, device="cpu")
 
 
 def as_double(inputs):

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pandas as pd
 import pytest
+from state_files import read_state
 
 from usbench import records, suite
 from usbench.agents import zoo
@@ -16,7 +17,8 @@ from usbench.envs.tasks.random_phantoms import FIRST_HELD_OUT, PROBE_PLANE_RANDO
 from usbench.figures import episode_ends
 from usbench.records import ConfigurationError
 from usbench.report import agents, poses
-from usbench.trials import runner
+from usbench.setting import Setting, make_env
+from usbench.trials.configuration import resolve
 from usbench.trials.evaluation import Evaluator, Recorder
 from usbench.watch import replay
 
@@ -37,7 +39,7 @@ class Always:
 @pytest.mark.parametrize("name", FULL)
 def test_a_row_and_the_class_that_it_names_agree(name):
     row = FULL[name]
-    env = suite.make_env(name)
+    env = make_env(name)
     assert row.guidance.name == name and env.unwrapped.task is row.guidance
     assert env.spec.max_episode_steps == row.n_steps == row.guidance.n_steps
 
@@ -46,7 +48,7 @@ def test_the_papers_tasks_are_evaluated_as_ever():
     assert [FULL[name].guidance for name in suite.PAPER] == [FOCAL_POINT, PROBE_PLANE]
     assert [len(suite.evaluation_episodes(name)) for name in suite.PAPER] == [54, 56]
     for name in suite.PAPER:
-        assert suite.anchors(name, 0.25) == oracle.returns(name, 0.25)
+        assert Setting(task=name, noise=0.25).anchors() == oracle.returns(name, 0.25)
         assert all("phantom" not in episode.options for episode in suite.evaluation_episodes(name))
 
 
@@ -54,29 +56,33 @@ def test_the_papers_tasks_are_evaluated_as_ever():
 def test_phantoms_of_evaluation_are_not_those_of_training(name, quick, monkeypatch):
     monkeypatch.setattr(suite, "TASKS", FULL)
     numbers = [episode.phantom for episode in suite.evaluation_episodes(name)]
-    phantoms = suite.evaluation_phantoms(name)
+    phantoms = Setting(task=name).evaluation_phantoms()
     assert sorted(set(numbers)) == [phantom.seed for phantom in phantoms]
     assert {numbers.count(number) for number in numbers} == {2}
     assert min(numbers) >= FIRST_HELD_OUT
-    env = suite.make_env(name)
+    env = make_env(name)
     assert all(env.reset(seed=seed)[1]["phantom"] < FIRST_HELD_OUT for seed in range(20))
 
 
 def test_anchors_of_many_phantoms_are_means_over_the_episodes_of_the_list():
-    phantoms = {phantom.seed: phantom for phantom in suite.evaluation_phantoms("pp-random")}
+    phantoms = {phantom.seed: phantom for phantom in Setting(task="pp-random").evaluation_phantoms()}
     values = [
         oracle.policy(PROBE_PLANE_RANDOM, 0.25, target=phantoms[one.phantom].target).value(0, one.start)
         for one in suite.evaluation_episodes("pp-random")
     ]
-    assert suite.anchors("pp-random", 0.25).optimal == pytest.approx(np.mean(values))
+    assert Setting(task="pp-random", noise=0.25).anchors().optimal == pytest.approx(np.mean(values))
 
 
 @pytest.mark.parametrize("name", FULL)
 def test_the_oracle_earns_the_anchors_optimum_on_the_whole_list(name, quick, monkeypatch):
     monkeypatch.setattr(suite, "TASKS", FULL)
-    agent = zoo.make("oracle", suite.make_env(name), 0, {}, policy=oracle.Planner(name))
-    played = Evaluator(name, 0.0, 4).play(agent, checkpoint=0, step=0, deterministic=True)
-    assert np.mean([one.return_ for one in played]) == pytest.approx(suite.anchors(name, 0.0).optimal)
+    agent = zoo.make("oracle", make_env(name), 0, {}, policy=oracle.Planner(name))
+    played = Evaluator(Setting(task=name, noise=0.0, n_frames=4)).play(
+        agent, checkpoint=0, step=0, deterministic=True
+    )
+    assert np.mean([one.return_ for one in played]) == pytest.approx(
+        Setting(task=name, noise=0.0).anchors().optimal
+    )
     # The farthest objects of fp-random are 17 moves away from x -20 mm; drawn frames show no cyst.
     assert name in ("fp-random", "setup") or all(one.is_success for one in played)
 
@@ -90,7 +96,9 @@ def test_the_planner_knows_where_each_phantoms_object_is():
 
 def test_episodes_that_the_agent_ends_are_recorded_in_the_lists_order(quick):
     stop = len(FULL["exam-stop"].guidance.actions) - 1
-    played = Evaluator("exam-stop", 0.0, 4).play(Always(stop), checkpoint=0, step=0, deterministic=True)
+    played = Evaluator(Setting(task="exam-stop", noise=0.0, n_frames=4)).play(
+        Always(stop), checkpoint=0, step=0, deterministic=True
+    )
     target = Pose(0, 50, 0)
     for one, planned in zip(played, suite.evaluation_episodes("exam-stop"), strict=True):
         assert one.actions == (stop,)
@@ -103,7 +111,9 @@ def test_episodes_of_different_lengths_are_played_to_their_ends(quick):
         def predict(self, observation, state=None, episode_start=None, deterministic=False):
             return np.arange(len(observation)) % 2 * 7, state
 
-    played = Evaluator("exam-stop", 0.0, 4).play(Sometimes(), checkpoint=0, step=0, deterministic=True)
+    played = Evaluator(Setting(task="exam-stop", noise=0.0, n_frames=4)).play(
+        Sometimes(), checkpoint=0, step=0, deterministic=True
+    )
     assert [len(one.actions) for one in played] == [24, 1, 24, 1]
 
 
@@ -116,12 +126,12 @@ def trial(request, quick, trial_on):
 def test_a_trial_says_which_phantom_every_episode_had(trial):
     for table in ("episodes", "evaluations"):
         rows = records.load(trial, table)
-        if records.read_state(trial)["config"]["task"] != "pp-random":
+        if read_state(trial)["config"]["task"] != "pp-random":
             assert "phantom" not in rows
             continue
         held_out = rows["phantom"] >= FIRST_HELD_OUT
         assert held_out.all() if table == "evaluations" else not held_out.any()
-        distribution = suite.make_env("pp-random").unwrapped.phantoms
+        distribution = make_env("pp-random").unwrapped.phantoms
         for row in rows.head(3).to_dict("records"):
             target = distribution.phantom(row["phantom"]).target
             assert (row["target_x_mm"], row["target_focal_depth_mm"]) == (target.x_mm, target.focal_depth_mm)
@@ -130,17 +140,17 @@ def test_a_trial_says_which_phantom_every_episode_had(trial):
 
 
 def test_a_trial_is_scored_by_the_anchors_of_its_evaluation(trial):
-    state = records.read_state(trial)
+    state = read_state(trial)
     task, noise = state["config"]["task"], state["config"]["noise"]
-    assert state["anchors"] == dataclasses.asdict(suite.anchors(task, noise))
+    assert state["anchors"] == dataclasses.asdict(Setting(task=task, noise=noise).anchors())
     assert state["frames"]["poses"] == {"pp-random": 3 * 216, "exam-stop": 3888, "setup": 192}[task]
     assert state["references"]["optimal"]["return"] > state["anchors"]["random"]
 
 
 def test_a_record_is_enough_to_replay_an_episode(trial):
-    config = records.read_state(trial)["config"]
+    setting = Setting.recorded(records.Trial.read(trial).config)
     for record in records.load(trial).to_dict("records")[-2:]:
-        *_, last = replay.play(config["task"], 0.25, record["eval_episode"], record["actions"])
+        *_, last = replay.play(setting, record["eval_episode"], record["actions"])
         assert last.return_ == record["return"]
 
 
@@ -171,22 +181,22 @@ def test_objects_elsewhere_are_missed_elsewhere():
 def test_who_trains_on_the_image_is_recorded_with_the_true_return(quick, monkeypatch):
     monkeypatch.setattr("usbench.envs.guidance.standard_view", lambda *_: np.eye(90, 40, dtype=np.uint8))
     found = []
-    env = Recorder(suite.make_env("pp", reward="image"), found.append)
+    env = Recorder(make_env("pp", reward="image"), found.append)
     env.reset(seed=0, options={"x_mm": 10, "angle_deg": 30})
     rewards = [env.step(0)[1] for _ in range(16)]
     assert found[0]["return_"] == pytest.approx(-16 * (0.5 + 0.5)) != pytest.approx(sum(rewards))
 
 
 def test_a_trial_on_the_image_is_another_trial_and_any_other_reward_is_refused():
-    plain, image = runner.resolve("vpg", "pp"), runner.resolve("vpg", "pp", reward="image")
+    plain, image = resolve("vpg", "pp"), resolve("vpg", "pp", reward="image")
     assert image.environment == {**plain.environment, "reward": "image"}
     assert image.hash != plain.hash
     with pytest.raises(ConfigurationError, match="unknown reward 'paper'.*'normalized', 'image'"):
-        runner.resolve("vpg", "pp", reward="paper")
+        resolve("vpg", "pp", reward="paper")
 
 
 def test_a_checkpoint_finds_the_phantom_of_its_episode_again(quick):
-    first, second = (Recorder(suite.make_env("pp-random", noise=0.5), lambda _: None) for _ in range(2))
+    first, second = (Recorder(make_env("pp-random", noise=0.5), lambda _: None) for _ in range(2))
     first.reset(seed=3)
     for action in (3, 1, 2) * 5 + (0,):
         first.step(action)
@@ -198,7 +208,7 @@ def test_a_checkpoint_finds_the_phantom_of_its_episode_again(quick):
 
 
 def test_a_replay_buffer_holds_the_whole_budget_unless_told_otherwise():
-    sizes = {task: runner.resolve("dqn", task).hyperparameters["buffer_size"] for task in ("pp", "exam")}
+    sizes = {task: resolve("dqn", task).hyperparameters["buffer_size"] for task in ("pp", "exam")}
     assert sizes == {"pp": 16_064, "exam": 32_128}
-    told = runner.resolve("dqn", "exam", overrides={"buffer_size": "100"})
+    told = resolve("dqn", "exam", overrides={"buffer_size": "100"})
     assert told.hyperparameters["buffer_size"] == 100

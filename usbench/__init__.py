@@ -2,10 +2,10 @@
 
 from gymnasium.envs.registration import register, registry
 
-from usbench.tasks import ROWS
+from usbench.tasks import BUILT_IN
 
 __version__ = "0.1.0"
 
-for _row in ROWS.values():
+for _row in BUILT_IN.values():
     if _row.env_id not in registry:
         register(id=_row.env_id, entry_point=_row.entry_point, max_episode_steps=_row.n_steps)

@@ -1,8 +1,18 @@
-"""The table of tasks, one literal row each. Text alone: reading it imports neither simulator nor torch."""
+"""The table of tasks, one literal row each, and the rows of other packages.
+
+Text alone: reading the rows of this package imports neither simulator nor torch.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
 from types import MappingProxyType
+
+from usbench.records.configuration import ConfigurationError
+
+# Of entry points: name of a task -> "module:name" of its `Row`.
+GROUP = "usbench.tasks"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +44,7 @@ class Row:
     silent: tuple[str, ...] = ()
 
 
-ROWS: Mapping[str, Row] = MappingProxyType(
+BUILT_IN: Mapping[str, Row] = MappingProxyType(
     {
         "fp": Row(
             env_id="usbench/FocalPoint-v0",
@@ -86,3 +96,46 @@ ROWS: Mapping[str, Row] = MappingProxyType(
 )
 # The paper's own, on one phantom each.
 PAPER = ("fp", "pp")
+
+
+@cache
+def rows() -> Mapping[str, Row]:
+    """Return the rows of all tasks by name: those of this package, then those of installed packages.
+
+    Raises:
+        ConfigurationError: If the row of another package cannot be used; one sentence says why.
+    """
+    found = dict(BUILT_IN)
+    for point in entry_points(group=GROUP):
+        if point.name in found:
+            raise ConfigurationError(
+                f"{_origin(point)} brings a task {point.name!r}, which exists already: uninstall one of them."
+            )
+        found[point.name] = _load(point)
+    return MappingProxyType(found)
+
+
+def row_of(task: str) -> Row:
+    """Return the row of a task; KeyError if there is none of that name."""
+    return rows()[task]
+
+
+def _load(point: EntryPoint) -> Row:
+    try:
+        row = point.load()
+    except Exception as error:  # whatever a stranger's module does while it is imported
+        reason = f"{type(error).__name__}: {' '.join(str(error).split())}"
+        raise ConfigurationError(
+            f"the task {point.name!r} of {_origin(point)} cannot be imported ({reason}): mend that "
+            "package, or uninstall it."
+        ) from error
+    if not isinstance(row, Row):
+        raise ConfigurationError(
+            f"the task {point.name!r} of {_origin(point)} must be a usbench.tasks.Row, not {row!r}."
+        )
+    return row
+
+
+def _origin(point: EntryPoint) -> str:
+    """Return the package of an entry point in words."""
+    return f"the package {point.dist.name!r}" if point.dist else f"a package with {point.value!r}"

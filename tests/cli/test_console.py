@@ -1,11 +1,9 @@
 """What stands in the terminal when a trial has ended."""
 
-import dataclasses
-
 import pytest
 
 from usbench.cli import console
-from usbench.trials import runner
+from usbench.trials.configuration import resolve
 
 
 @pytest.mark.parametrize(("task", "shown"), [
@@ -29,5 +27,5 @@ def test_trial_table_has_the_columns_that_say_something_of_the_task(quick, trial
     ("stay", None, ""),
 ])  # fmt: skip
 def test_steps_that_are_not_learned_from_are_told(algo, steps, said):
-    config = runner.resolve(algo, "pp", steps=steps)
-    assert console.not_learned(dataclasses.asdict(config)) == said
+    config = resolve(algo, "pp", steps=steps)
+    assert console.not_learned(config) == said

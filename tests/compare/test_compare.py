@@ -5,6 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
+from state_files import read_state, write_state
 
 from usbench import cli, records
 from usbench.compare import plan, sweep
@@ -119,11 +120,11 @@ def test_leaderboard_of_a_folder_without_trials_is_refused_and_overwrites_nothin
 def test_trials_in_another_environment_are_left_out_of_the_leaderboard_of_a_folder(
     finished, no_figures, tmp_path, capsys
 ):
-    state = records.read_state(finished)
+    state = read_state(finished)
     other = finished.with_name("other")
     shutil.copytree(finished, other)
     state["config"]["environment"]["reward"] = "image"
-    records.write_state(other, state)
+    write_state(other, state)
     path = tmp_path / "leaderboard.md"
     assert cli.main(["leaderboard", "--runs", str(finished.parent), "--leaderboard", str(path)]) == 0
     error = capsys.readouterr().err
@@ -141,9 +142,9 @@ def test_trials_of_a_folder_are_added_to_the_tables(finished, no_figures, tmp_pa
     assert capsys.readouterr().err == "in the tables already, with the same numbers: 1 of 1\n"
     other = tmp_path / "more" / "other"
     shutil.copytree(finished, other)
-    state = records.read_state(other)
+    state = read_state(other)
     state["config"]["seed"] += 1
-    records.write_state(other, state)
+    write_state(other, state)
     assert cli.main(["leaderboard", "--add", str(other.parent), "--leaderboard", str(path)]) == 0
     trials = tables.read(tmp_path / "leaderboard_files").trials
     assert list(trials["trial"]) == [finished.name, "other"]

@@ -13,12 +13,13 @@ import psutil
 import pytest
 import sweep_worker
 import trials
+from state_files import read_state
 
-from usbench import cli, records
+from usbench import cli
 from usbench.compare import dask_cluster, sweep
 from usbench.compare.dask_cluster import Cluster
 from usbench.records import ConfigurationError
-from usbench.trials import runner
+from usbench.trials.configuration import resolve
 
 distributed = pytest.importorskip("distributed")
 
@@ -54,7 +55,7 @@ def two():
 
 
 def plan(*algos, steps=64):
-    return [runner.resolve(algo, "pp", steps=steps, noise=0.5) for algo in algos]
+    return [resolve(algo, "pp", steps=steps, noise=0.5) for algo in algos]
 
 
 def run(configs, out, local):
@@ -102,7 +103,7 @@ def test_failed_trial_is_named_and_comes_back_too(quick, tmp_path, two):
     broken = dataclasses.replace(broken, hyperparameters={"gamma": 7.0})
     reasons = {outcome.config.algo: outcome.reason for outcome in run([broken, whole], tmp_path, two)}
     assert "gamma must be" in reasons["vpg"] and reasons["stay"] is None
-    state = records.read_state(tmp_path / broken.folder_name)
+    state = read_state(tmp_path / broken.folder_name)
     assert state["status"] == "failed" and "gamma must be" in state["reason"]
 
 
@@ -114,7 +115,7 @@ def test_killed_worker_costs_only_its_unfinished_trials(quick, tmp_path, two, mo
     before = {}
 
     def kill():
-        wait_until(lambda: records.read_state(tmp_path / short.folder_name).get("status") == "finished")
+        wait_until(lambda: read_state(tmp_path / short.folder_name).get("status") == "finished")
         wait_until(lambda: mark.exists() and mark.read_text())
         before.update(contents(tmp_path, "*/*"))
         os.kill(int(mark.read_text()), signal.SIGKILL)
@@ -126,7 +127,7 @@ def test_killed_worker_costs_only_its_unfinished_trials(quick, tmp_path, two, mo
     assert {outcome.reason for outcome in outcomes} == {None} and len(outcomes) == 2
     assert {name.split("/")[0] for name in before} == {short.folder_name}
     assert before.items() <= contents(tmp_path, "*/*").items()
-    assert records.read_state(tmp_path / slow.folder_name)["status"] == "finished"
+    assert read_state(tmp_path / slow.folder_name)["status"] == "finished"
 
 
 def test_trial_that_nobody_waits_for_stops(quick, tmp_path, two):

@@ -12,6 +12,7 @@ from usbench.agents.search_space import SPACES, Choice, Log
 from usbench.cli import sweep_progress
 from usbench.compare import plan, search, sweep
 from usbench.trials import runner
+from usbench.trials.configuration import resolve
 
 
 class Quiet:
@@ -98,7 +99,7 @@ def test_every_batch_is_counted_from_one(capsys):
     with sweep_progress.SweepBars() as bars:
         for _ in range(2):
             bars.started(1, 0, None)
-            bars.ended(sweep.Outcome(runner.resolve("a2c", "pp", steps=32), None))
+            bars.ended(sweep.Outcome(resolve("a2c", "pp", steps=32), None))
     counts = [line.split()[0] for line in capsys.readouterr().err.splitlines() if line.startswith("[")]
     assert counts == ["[1/1]", "[1/1]"]
 

@@ -14,10 +14,11 @@ from pathlib import Path
 import pytest
 import sweep_worker
 import trials
+from state_files import read_state
 
 from usbench import records
 from usbench.compare import sweep
-from usbench.trials import runner
+from usbench.trials.configuration import resolve
 
 
 class Notes:
@@ -45,7 +46,7 @@ def here():
 
 
 def plan(*algos, seeds=(0,), steps=64):
-    return [runner.resolve(algo, "pp", seed=seed, steps=steps, noise=0.5) for seed in seeds for algo in algos]
+    return [resolve(algo, "pp", seed=seed, steps=steps, noise=0.5) for seed in seeds for algo in algos]
 
 
 def run(configs, out, executor=here, jobs=1, notes=None):
@@ -71,7 +72,7 @@ def test_what_is_finished_is_skipped_and_the_rest_is_run(quick, tmp_path):
 def test_another_configuration_is_another_trial(quick, tmp_path):
     run(plan("stay"), tmp_path)
     notes = Notes()
-    run([runner.resolve("stay", "pp", noise=0.25)], tmp_path, notes=notes)
+    run([resolve("stay", "pp", noise=0.25)], tmp_path, notes=notes)
     assert notes.started_with[:2] == (1, 0)
 
 
@@ -104,7 +105,7 @@ def test_expected_time_comes_from_finished_trials_of_the_same_algorithm(quick, t
     notes = Notes()
     run(configs[:1], tmp_path, notes=notes)
     assert notes.started_with == (1, 0, None)
-    seconds = records.read_state(tmp_path / configs[0].folder_name)["timings"]["total_s"]
+    seconds = read_state(tmp_path / configs[0].folder_name)["timings"]["total_s"]
     assert sweep._expected_seconds(configs[1:], tmp_path, 2) == pytest.approx(2 * seconds / 2)
 
 
@@ -126,7 +127,7 @@ def test_worker_that_dies_takes_only_its_trial_with_it(often, tmp_path, monkeypa
 
 
 def test_interrupted_sweep_keeps_the_state_of_its_trials(quick, tmp_path):
-    config = runner.resolve("vpg", "pp", steps=100_000)
+    config = resolve("vpg", "pp", steps=100_000)
     executor = functools.partial(sweep.processes, sweep_worker.quick)
 
     def interrupt_when_it_runs():
@@ -137,7 +138,7 @@ def test_interrupted_sweep_keeps_the_state_of_its_trials(quick, tmp_path):
     threading.Thread(target=interrupt_when_it_runs).start()
     with pytest.raises(KeyboardInterrupt):
         run([config], tmp_path, executor)
-    assert records.read_state(tmp_path / config.folder_name)["status"] == "interrupted"
+    assert read_state(tmp_path / config.folder_name)["status"] == "interrupted"
     assert not multiprocessing.active_children()
 
 

@@ -8,6 +8,7 @@ import time
 import children
 import pytest
 import trials
+from state_files import read_state
 
 from usbench import records
 
@@ -125,6 +126,6 @@ def test_command_that_is_interrupted_goes_on(undisturbed, tmp_path, number):
         time.sleep(0.01)
     os.kill(process.pid, number)
     assert children.ended(process) == 130
-    assert records.read_state(folder)["status"] == "interrupted"
+    assert read_state(folder)["status"] == "interrupted"
     assert children.finish(children.command, *argv) == 0
     assert trials.bits(folder) == bits

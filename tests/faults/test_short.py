@@ -7,6 +7,7 @@ import time
 
 import children
 import trials
+from state_files import read_state
 
 from usbench import records
 
@@ -22,7 +23,7 @@ def test_trial_killed_twice(undisturbed, quick, tmp_path):
         os.kill(process.pid, signal.SIGKILL)
         process.join()
         assert process.exitcode == -signal.SIGKILL
-    assert records.read_state(journal.parent)["status"] == "running"
+    assert read_state(journal.parent)["status"] == "running"
     assert children.finish(children.trial, config, tmp_path) == 0
     assert trials.bits(journal.parent) == trials.bits(undisturbed("vpg"))
     assert {path.name for path in tmp_path.iterdir()} == {config.folder_name, ".locks"}

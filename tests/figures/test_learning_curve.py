@@ -4,6 +4,7 @@ import dataclasses
 
 import pytest
 from PIL import Image
+from state_files import write_state
 
 from usbench import records
 from usbench.figures import learning_curve
@@ -18,9 +19,7 @@ REST = {"final_distance_mm": 1.0, "final_sin_angle": 0.0, "is_success": False, "
 def trial(out, evaluations=True, episodes=True):
     folder = records.create(out, CONFIG)
     anchors = {"optimal": -5.0, "random": -21.0, "stay": -22.0}
-    records.write_state(
-        folder, {"status": "finished", "config": dataclasses.asdict(CONFIG), "anchors": anchors}
-    )
+    write_state(folder, {"status": "finished", "config": dataclasses.asdict(CONFIG), "anchors": anchors})
     with Journal(folder / records.EPISODES) as journal:
         for number in range(4 * episodes):
             row = Episode(episode=number, step=16 * number + 16, return_=-20.0 + number, **POSES, **REST)

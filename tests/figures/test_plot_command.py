@@ -5,8 +5,9 @@ import shutil
 import pytest
 from made_tables import made, seeds
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from state_files import read_state, write_state
 
-from usbench import cli, records
+from usbench import cli
 from usbench.figures import comparison, learning_curve
 from usbench.results import tables
 
@@ -34,9 +35,9 @@ def test_figures_are_those_of_the_leaderboard_and_learning_curves_only_of_named_
 def test_a_trial_counts_once_and_others_beside_it_do_not(finished):
     other = finished.with_name("pp-p0.5-vpg-s1-00000000")
     shutil.copytree(finished, other)
-    state = records.read_state(other)
+    state = read_state(other)
     state["config"]["seed"] = 1
-    records.write_state(other, state)
+    write_state(other, state)
     alone = learning_curve.gather([finished, finished])
     assert list(alone.trials["trial"]) == [finished.name]
     both = learning_curve.gather([finished, finished.parent])
@@ -45,8 +46,8 @@ def test_a_trial_counts_once_and_others_beside_it_do_not(finished):
 
 
 def test_trial_that_still_runs_has_a_learning_curve_alone(finished, tmp_path):
-    state = records.read_state(finished) | {"status": "running"}
-    records.write_state(finished, state)
+    state = read_state(finished) | {"status": "running"}
+    write_state(finished, state)
     drawn = learning_curve.write([finished], tmp_path)
     assert [path.name for path in drawn] == [f"learning_curve_{finished.name}.png"]
 

@@ -21,6 +21,7 @@ from usbench.compare import sweep
 from usbench.envs.pose import Pose
 from usbench.records import ConfigurationError, TrialConfig
 from usbench.trials import runner
+from usbench.trials.configuration import resolve
 
 _report = pytest.fixture(scope="module", autouse=True)(fuzzing.report)
 
@@ -125,9 +126,7 @@ def test_command_lines(sandbox, start, rest):
 def test_configurations_of_anything(algo, task, noise, seed, steps, preset, overrides):
     config = tried(
         "configurations",
-        lambda: runner.resolve(
-            algo, task, noise=noise, seed=seed, steps=steps, preset=preset, overrides=overrides
-        ),
+        lambda: resolve(algo, task, noise=noise, seed=seed, steps=steps, preset=preset, overrides=overrides),
         ConfigurationError,
     )
     assert config is None or isinstance(config, TrialConfig)
@@ -144,13 +143,13 @@ def test_configurations_of_anything(algo, task, noise, seed, steps, preset, over
 def test_configurations_that_are_nearly_right(algo, name, value, noise, steps):
     config = tried(
         "configurations",
-        lambda: runner.resolve(algo, "pp", noise=noise, steps=steps, overrides={name: value}),
+        lambda: resolve(algo, "pp", noise=noise, steps=steps, overrides={name: value}),
         ConfigurationError,
     )
     if config is not None:
         # What was resolved can be written, has one name, and is the same when it is resolved again.
         assert json.loads(json.dumps(dict(config.hyperparameters), allow_nan=False))[name] is not None
-        again = runner.resolve(
+        again = resolve(
             algo, "pp", noise=config.noise, steps=config.steps or None, overrides=config.hyperparameters
         )
         assert again.folder_name == config.folder_name

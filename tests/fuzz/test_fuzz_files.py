@@ -8,6 +8,7 @@ import pytest
 from fuzzing import JSON, fuzz, tried
 from hypothesis import given
 from hypothesis import strategies as st
+from state_files import read_state
 
 from usbench import records
 from usbench.records import ConfigurationError
@@ -30,7 +31,7 @@ def trial(finished, tmp_path):
 
 def read_all(folder):
     """Everything that reads the records of a trial that may be a stranger's."""
-    records.read_state(folder)
+    read_state(folder)
     for table in ("evaluations", "episodes"):
         records.load(folder.parent, table)
     tables.collect(folder.parent)

@@ -14,6 +14,7 @@ from usbench.guide import agents, view
 from usbench.guide import examination as guide
 from usbench.guide.controls import controls
 from usbench.guide.examination import GUIDED, Examination, Opened
+from usbench.setting import Setting
 from usbench.watch.advice import Advice
 
 LEFT, RIGHT, TURN_BACK, TURN = 1, 2, 3, 4
@@ -60,7 +61,7 @@ def test_scanners_settings_have_no_keys():
 
 @pytest.mark.parametrize("task", sorted(set(GUIDED) - set(suite.PAPER)))
 def test_who_follows_the_optimum_succeeds_in_the_other_tasks_too(task):
-    examination = Examination(task, 0.0, 5, exact(task))
+    examination = Examination(Setting(task=task, noise=0.0), 5, exact(task))
     while not examination.over:
         examination.follow()
     assert examination.at_goal and examination.return_ == pytest.approx(examination.optimum[-1])
@@ -68,7 +69,7 @@ def test_who_follows_the_optimum_succeeds_in_the_other_tasks_too(task):
 
 
 def test_stopping_ends_the_episode_and_is_judged_there():
-    examination = Examination("exam-stop", 0.0, 5)
+    examination = Examination(Setting(task="exam-stop"), 5)
     examination.act(7)
     assert examination.over and not examination.at_goal and examination.advice is None
     with pytest.raises(ValueError, match="over after 1 steps"):
@@ -81,7 +82,7 @@ def test_stopping_ends_the_episode_and_is_judged_there():
 @pytest.mark.parametrize("noise", [0.0, 0.5])
 @pytest.mark.parametrize("task", suite.PAPER)
 def test_who_follows_the_optimum_gets_its_return_and_succeeds(task, noise):
-    examination = Examination(task, noise, 3, exact(task, noise))
+    examination = Examination(Setting(task=task, noise=noise), 3, exact(task, noise))
     for step in range(16):
         assert examination.return_ == examination.optimum[step]
         examination.follow()
@@ -92,18 +93,18 @@ def test_who_follows_the_optimum_gets_its_return_and_succeeds(task, noise):
 
 
 def test_optimum_is_the_plans_value_at_the_start():
-    examination = Examination("fp", 0.0, 1)
+    examination = Examination(Setting(task="fp", noise=0.0), 1)
     assert examination.optimum[-1] == pytest.approx(oracle.policy("fp").value(0, examination.pose))
 
 
 def test_score_is_0_for_a_random_hand_and_1_for_the_optimum():
-    examination, anchors = Examination("pp", 0.25, 0), oracle.returns("pp", 0.25)
+    examination, anchors = Examination(Setting(task="pp", noise=0.25), 0), oracle.returns("pp", 0.25)
     assert examination.score(anchors.random) == 0
     assert examination.score(anchors.optimal) == 1
 
 
 def test_actions_move_the_probe_and_the_frame():
-    examination = Examination("pp", 0.0, 0)
+    examination = Examination(Setting(task="pp", noise=0.0), 0)
     start, frame = examination.pose, examination.frame
     examination.act(TURN)
     assert examination.pose == Pose(start.x_mm, 50, start.angle_deg + 15)
@@ -111,7 +112,7 @@ def test_actions_move_the_probe_and_the_frame():
 
 
 def test_move_beyond_the_limits_is_told():
-    examination = Examination("pp", 0.0, 0)
+    examination = Examination(Setting(task="pp", noise=0.0), 0)
     for _ in range(10):
         examination.act(LEFT)
     assert examination.pose.x_mm == -20 and examination.blocked
@@ -121,7 +122,7 @@ def test_move_beyond_the_limits_is_told():
 
 
 def test_slip_is_told_in_words():
-    examination = Examination("pp", 1.0, 0)
+    examination = Examination(Setting(task="pp", noise=1.0), 0)
     examination.act(0)
     assert any(word in examination.slip for word in ("left", "right", "clockwise"))
     assert f"slipped, {examination.slip}." in view.seen(examination, hidden=False)["happened"]
@@ -130,11 +131,11 @@ def test_slip_is_told_in_words():
 @pytest.mark.parametrize(("action", "error"), [(5, ValueError), (-1, ValueError), ("left", TypeError)])
 def test_unknown_action_is_refused(action, error):
     with pytest.raises(error, match="action must be"):
-        Examination("pp", 0.0, 0).act(action)
+        Examination(Setting(task="pp", noise=0.0), 0).act(action)
 
 
 def test_episode_ends_after_16_steps():
-    examination = Examination("pp", 0.0, 0)
+    examination = Examination(Setting(task="pp", noise=0.0), 0)
     for _ in range(16):
         examination.act(0)
     with pytest.raises(ValueError, match="over after 16 steps"):
@@ -156,7 +157,7 @@ class Remembering:
 
 
 def test_new_adviser_is_shown_the_episode_from_its_start():
-    examination = Examination("pp", 0.5, 2, exact("pp"))
+    examination = Examination(Setting(task="pp", noise=0.5), 2, exact("pp"))
     poses = [examination.pose.x_mm]
     for action in (RIGHT, TURN, TURN):
         examination.act(action)
@@ -171,11 +172,11 @@ def test_new_adviser_is_shown_the_episode_from_its_start():
 
 def test_without_advice_there_is_nothing_to_follow():
     with pytest.raises(ValueError, match="nothing is advised"):
-        Examination("pp", 0.0, 0).follow()
+        Examination(Setting(task="pp", noise=0.0), 0).follow()
 
 
 def test_bars_are_probabilities_or_lie_between_least_and_most_expected():
-    examination = Examination("pp", 0.0, 0, Opened(Remembering()))
+    examination = Examination(Setting(task="pp", noise=0.0), 0, Opened(Remembering()))
     shown = view.advice(examination)
     assert shown["bars"] == [0.1, 0.2, 0.3, 0.4, 0.0] and shown["texts"][3] == "40 %"
     assert (shown["words"], shown["icon"]) == ("rotate counter-clockwise", "counter-clockwise")

@@ -9,13 +9,15 @@ import threading
 
 import pytest
 from stable_baselines3.common.vec_env import DummyVecEnv
+from state_files import write_state
 
-from usbench import records, suite
+from usbench import records
 from usbench.agents import zoo
 from usbench.envs import guidance
 from usbench.guide import examination
 from usbench.guide import server as guide_server
 from usbench.guide.session import Session
+from usbench.setting import make_env
 from usbench.trials import configuration
 
 sync_api = pytest.importorskip("playwright.sync_api")
@@ -41,7 +43,7 @@ def untrained(tmp_path_factory):
     config = configuration.resolve("ppo", "pp")
     folder = tmp_path_factory.mktemp("runs") / config.folder_name
     folder.mkdir()
-    records.write_state(
+    write_state(
         folder,
         {
             "status": "interrupted",
@@ -50,7 +52,7 @@ def untrained(tmp_path_factory):
             "evaluation_episodes": 1,
         },
     )
-    env = DummyVecEnv([lambda: suite.make_env("pp")])
+    env = DummyVecEnv([lambda: make_env("pp")])
     zoo.make("ppo", env, 0, config.hyperparameters, device="cpu").save(folder / records.MODEL)
     return folder
 

@@ -1,14 +1,15 @@
 """Records: written whole, read back, and refused in one sentence where they are broken."""
 
-import json
 from dataclasses import asdict
 
 import numpy as np
 import pandas as pd
 import pytest
+from state_files import write_state
 
 from usbench import records
-from usbench.records import ConfigurationError, Evaluation, TrialConfig, checksums
+from usbench.anchors import Anchors
+from usbench.records import ConfigurationError, Evaluation, Trial, TrialConfig, checksums
 from usbench.records.journal import Journal, read_rows
 
 CONFIG = TrialConfig(task="pp", algo="vpg", noise=0.25, seed=3, steps=64, hyperparameters={"gamma": 0.9})
@@ -51,7 +52,7 @@ def state(status="finished"):
 
 def trial(out, config=CONFIG, status="finished", rows=2):
     folder = records.create(out, config)
-    records.write_state(folder, state(status))
+    write_state(folder, state(status))
     with Journal(folder / records.EVALUATIONS) as journal:
         journal.append(evaluation(number).as_row() for number in range(rows))
     return folder
@@ -119,12 +120,13 @@ def test_load_refuses_an_unknown_table(tmp_path):
 def test_broken_trial_file_is_refused(tmp_path, text):
     (tmp_path / records.TRIAL).write_text(text)
     with pytest.raises(ValueError, match=r"trial\.json"):
-        records.read_state(tmp_path)
+        Trial.read(tmp_path)
 
 
 def test_unknown_status_is_refused(tmp_path):
-    with pytest.raises(ValueError, match="running, interrupted, failed, finished"):
-        records.write_state(tmp_path, state("done"))
+    with pytest.raises(ValueError, match="'running', 'interrupted', 'failed' or 'finished'"):
+        write_state(tmp_path, state("done"))
+        Trial.read(tmp_path)
 
 
 def test_output_folder_that_is_a_file_is_refused(tmp_path):
@@ -150,7 +152,7 @@ def test_somebody_elses_file_in_a_trial_folder_is_never_removed(tmp_path):
 
 def test_records_that_are_not_what_was_written_are_refused(tmp_path):
     folder = trial(tmp_path)
-    records.write_state(folder, state() | {"checksums": checksums.of(folder, [records.EVALUATIONS])})
+    write_state(folder, state() | {"checksums": checksums.of(folder, [records.EVALUATIONS])})
     assert len(records.load(tmp_path)) == 2
     with (folder / records.EVALUATIONS).open("ab") as file:
         file.write(b"{}\n")
@@ -165,7 +167,38 @@ def test_means_count_the_plane_error_modulo_half_a_turn():
     assert means["return"] == -12.0
 
 
-def test_state_round_trip(tmp_path):
-    records.write_state(tmp_path, state())
-    assert records.read_state(tmp_path) == json.loads(json.dumps({**state(), "schema": 1}))
-    assert records.read_state(tmp_path / "nothing") == {}
+def test_a_trial_is_read_back_as_it_was_written(tmp_path):
+    frames = records.Frames("0" * 64, 216)
+    written = Trial(
+        folder=tmp_path, status="finished", config=CONFIG, anchors=Anchors(**ANCHORS), frames=frames,
+        evaluation_points=(0, 64), n_evaluation_episodes=56, timings={"total_s": 1.5},
+        references={"random": {"return": -20.0}}, versions={"numpy": "2.0"},
+    )  # fmt: skip
+    written.write()
+    assert Trial.read(tmp_path) == written
+    assert Trial.find(tmp_path / "nothing") is None
+
+
+def test_reading_what_is_no_trial_says_so(tmp_path):
+    with pytest.raises(ConfigurationError, match="not the folder of a trial: no trial.json in it"):
+        Trial.read(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("part", "value", "message"),
+    [
+        ("config", {"task": "pp"}, "it has no config.algo"),
+        ("config", {**asdict(CONFIG), "noise": 1.5}, "its config.noise cannot be 1.5"),
+        ("config", {**asdict(CONFIG), "seed": True}, "its config.seed cannot be True"),
+        ("anchors", {"optimal": "x", "random": 1, "stay": 2}, "its anchors.optimal cannot be 'x'"),
+        ("timings", {"total_s": "long"}, "its timings.total_s cannot be 'long'"),
+        ("checksums", {"../model.zip": "0"}, "cannot be '../model.zip'"),
+        ("checkpoints", [0, -1], "its checkpoints.1 cannot be -1"),
+        ("frames", {}, "it has no frames.digest"),
+    ],
+)
+def test_a_record_that_cannot_be_is_refused_in_one_sentence(tmp_path, part, value, message):
+    write_state(tmp_path, state() | {part: value})
+    with pytest.raises(ValueError, match=message) as refusal:
+        Trial.read(tmp_path)
+    assert "\n" not in str(refusal.value)

@@ -6,12 +6,12 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
-from usbench import suite
 from usbench.envs import oracle
 from usbench.envs.pose import Pose
 from usbench.envs.tasks.focal_point import FOCAL_POINT
 from usbench.envs.tasks.probe_plane import PROBE_PLANE
 from usbench.report import policy_map
+from usbench.setting import make_env
 from usbench.trials import model_loading
 
 
@@ -44,7 +44,7 @@ def test_only_the_best_actions_cost_nothing(task, noise):
 def test_actions_are_those_that_the_agent_takes_after_a_reset(finished):
     actions = policy_map.greedy_actions(finished)
     assert actions.shape == (len(PROBE_PLANE.states),)
-    agent, env = model_loading.load_agent(finished).agent, suite.make_env("pp")
+    agent, env = model_loading.load_agent(finished).agent, make_env("pp")
     for state in (0, 100, 215):
         observation, _ = env.reset(options=asdict(PROBE_PLANE.states[state]))
         assert actions[state] == agent.predict(observation, deterministic=True)[0]

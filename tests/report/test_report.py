@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 
 import pytest
 from PIL import Image
+from state_files import read_state, write_state
 
 from usbench import cli, records
 from usbench.envs import guidance
@@ -65,10 +66,10 @@ def made(runs, out):
 def add(runs, name, **changes):
     """Copy the trial's record to another seed of another status."""
     (trial,) = records.trial_folders(runs)
-    state = records.read_state(trial) | changes
+    state = read_state(trial) | changes
     state["config"]["seed"] = 1
     (runs / name).mkdir()
-    records.write_state(runs / name, state)
+    write_state(runs / name, state)
 
 
 def test_page_is_whole_and_closed_to_the_outside(runs, tmp_path):

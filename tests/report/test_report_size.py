@@ -7,11 +7,13 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 from stable_baselines3.common.vec_env import DummyVecEnv
+from state_files import write_state
 
 from usbench import records, suite
 from usbench.agents import zoo
 from usbench.envs import oracle
 from usbench.report import page
+from usbench.setting import make_env
 from usbench.trials import configuration
 
 LIMIT_MB = 5
@@ -49,7 +51,7 @@ def write(runs, config, model):
     steps = [config.steps * part // EPISODES for part in range(1, EPISODES + 1)] if config.steps else []
     rows = [episode(generator, config.task, 0, step).as_row() for step in steps]
     (folder / records.EPISODES).write_text("".join(f"{json.dumps(row)}\n" for row in rows))
-    checkpoints = suite.checkpoints(config.task, config.steps)
+    checkpoints = suite.evaluation_points(config.task, config.steps)
     rows = [
         episode(generator, config.task, number, step).as_row()
         | {"checkpoint": step, "deterministic": deterministic, "eval_episode": number}
@@ -60,7 +62,7 @@ def write(runs, config, model):
     anchors = asdict(oracle.returns(config.task, config.noise))
     state = {"status": "finished", "config": asdict(config), "anchors": anchors}
     timings = {"training_s": 240.0, "total_s": 300.0} if config.steps else {"total_s": 1.0}
-    records.write_state(folder, state | {"timings": timings, "versions": {"numpy": np.__version__}})
+    write_state(folder, state | {"timings": timings, "versions": {"numpy": np.__version__}})
     if config.steps:
         (folder / records.MODEL).write_bytes(model)
 
@@ -73,7 +75,7 @@ def test_page_of_the_papers_grid_is_small(tmp_path):
         model = b""
         if row.learns:
             config = configuration.resolve(algo, task)
-            env = DummyVecEnv([lambda task=task: suite.make_env(task)])
+            env = DummyVecEnv([lambda task=task: make_env(task)])
             zoo.make(algo, env, 0, config.hyperparameters, device="cpu").save(tmp_path / "model.zip")
             model = (tmp_path / "model.zip").read_bytes()
         for noise, seed in itertools.product(NOISES, SEEDS if row.learns else (0,)):

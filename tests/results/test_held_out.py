@@ -6,11 +6,13 @@ import numpy as np
 import pandas as pd
 import pytest
 from made_tables import made, seeds, trial
+from state_files import read_state
 
 from usbench import cli, records, suite
 from usbench.compare import transfer
 from usbench.records import ConfigurationError
 from usbench.results import held_out, leaderboard, tables
+from usbench.setting import Setting
 
 
 def rows_of(*scores):
@@ -79,7 +81,7 @@ def test_an_agent_is_tested_once_on_every_phantom_of_the_list(finished, tmp_path
     (row,) = held_out.read(tmp_path / "leaderboard_files").to_dict("records")
     assert (row["trial"], row["task"]) == (finished.name, "pp-random")
     assert row["episodes"] == len(suite.evaluation_episodes("pp-random"))
-    anchors = suite.anchors("pp-random", records.read_state(finished)["config"]["noise"])
+    anchors = Setting(task="pp-random", noise=read_state(finished)["config"]["noise"]).anchors()
     expected = (row["return"] - anchors.random) / (anchors.optimal - anchors.random)
     assert row["normalized_score"] == pytest.approx(expected, abs=1e-4)
     assert "## Phantoms never seen" in (tmp_path / "leaderboard.md").read_text()
@@ -99,7 +101,7 @@ def test_what_was_tested_is_kept_when_a_later_test_fails(tmp_path, monkeypatch):
         (tmp_path / name).mkdir()
         (tmp_path / name / records.TRIAL).touch()
     tables.write(made(*seeds("vpg", [0.8, 0.9, 0.7], task="pp")), tmp_path)
-    monkeypatch.setattr("usbench.trials.runner.prepare_frames", lambda task: None)
+    monkeypatch.setattr("usbench.compare.transfer.Setting.prepare_frames", lambda _: None)
 
     def test(trial, algo):
         if trial.name == names[1]:
@@ -125,7 +127,7 @@ def test_agents_of_ones_own_are_opened_only_if_they_are_named(tmp_path, monkeypa
     tables.write(made(trial(own, 0.5, task="pp", trial="own")), tmp_path)
     (tmp_path / "own").mkdir()
     (tmp_path / "own" / records.TRIAL).touch()
-    monkeypatch.setattr("usbench.trials.runner.prepare_frames", lambda task: None)
+    monkeypatch.setattr("usbench.compare.transfer.Setting.prepare_frames", lambda _: None)
     monkeypatch.setattr(
         transfer, "test", lambda trial, algo: opened.append(algo) or rows_of(0.1).iloc[0].to_dict()
     )

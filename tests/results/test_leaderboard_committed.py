@@ -7,7 +7,7 @@ import pytest
 
 from usbench import suite
 from usbench.results import leaderboard
-from usbench.trials import runner
+from usbench.trials.configuration import resolve
 
 TOP = Path(__file__).parents[2]
 
@@ -24,4 +24,4 @@ def test_trials_of_the_committed_leaderboard_have_the_names_that_they_always_had
     trials = pd.read_csv(TOP / "leaderboard_files" / "trials.csv")
     for task in suite.PAPER:
         row = trials[(trials["task"] == task) & (trials["algo"] == "vpg") & (trials["seed"] == 0)].iloc[0]
-        assert runner.resolve("vpg", task, noise=row["noise"], steps=row["steps"]).folder_name == row["trial"]
+        assert resolve("vpg", task, noise=row["noise"], steps=row["steps"]).folder_name == row["trial"]

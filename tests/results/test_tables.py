@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from made_tables import made, seeds, trial
+from state_files import write_state
 
 from usbench import records
 from usbench.records import Episode, Evaluation, TrialConfig
@@ -45,7 +46,7 @@ def write_trial(out, config, status="finished", last=STEPS, **state):
         "timings": {},
         "versions": {},
     } | state
-    records.write_state(folder, known)
+    write_state(folder, known)
     with Journal(folder / records.EPISODES) as journal:
         for number, (step, return_) in enumerate([(1, -20.0), (2, -12.0), (100, -4.0)]):
             journal.append([Episode(episode=number, step=step, **facts(return_)).as_row()])

@@ -39,7 +39,7 @@ def speed_up(monkeypatch):
         monkeypatch.setattr(oracle, name, functools.lru_cache(maxsize=256)(plain))
     monkeypatch.setattr("usbench.envs.guidance.frame_store", lambda *_: frames)
     monkeypatch.setattr("usbench.envs.tasks.imaging_setup.frame_store", lambda *_: frames)
-    monkeypatch.setattr("usbench.trials.runner.frame_store", lambda *_: frames)
+    monkeypatch.setattr("usbench.setting.frame_store", lambda *_: frames)
     monkeypatch.setattr("usbench.trials.tensorboard.frame_store", lambda *_: frames)
     if suite.TASKS["pp"].checkpoints != QUICK_CHECKPOINTS:  # fixtures may ask for it within each other
         rows = {name: _with_fewer_evaluations(row) for name, row in suite.TASKS.items()}

@@ -2,10 +2,12 @@
 
 import pytest
 import torch
+from state_files import read_state
 
 from usbench import records
 from usbench.agents import zoo
 from usbench.trials import callback, runner
+from usbench.trials.configuration import resolve
 
 LEARNERS = [algo for algo, row in zoo.ZOO.items() if row.learns]
 STEPS = 64
@@ -24,12 +26,12 @@ TIMES = ("started", "timings")
 
 
 def config(algo, steps=STEPS, seed=0):
-    return runner.resolve(algo, "pp", noise=0.5, seed=seed, steps=steps, overrides=SMALL.get(algo))
+    return resolve(algo, "pp", noise=0.5, seed=seed, steps=steps, overrides=SMALL.get(algo))
 
 
 def bits(folder):
     """Everything that a finished trial must have to the bit: records, story, weights, optimizers."""
-    state = records.read_state(folder)
+    state = read_state(folder)
     model = zoo.model_class(state["config"]["algo"]).load(folder / records.MODEL, device="cpu")
     journals = [(folder / name).read_bytes() for name in (records.EPISODES, records.EVALUATIONS)]
     story = {key: value for key, value in state.items() if key not in TIMES}

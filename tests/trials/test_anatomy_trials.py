@@ -7,9 +7,11 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 import sweep_worker
+from state_files import read_state
 from volumes import block, write
 
-from usbench import cli, records, suite
+from usbench import anatomy_record, cli, records, suite
+from usbench.cli import phantom
 from usbench.envs import frames, guidance, oracle
 from usbench.envs.anatomy import tissue
 from usbench.envs.pose import Pose
@@ -20,7 +22,9 @@ from usbench.records import ConfigurationError
 from usbench.report import agents as report_agents
 from usbench.report import poses as report_poses
 from usbench.results import tables as results
-from usbench.trials import anatomy_record, runner
+from usbench.setting import Setting
+from usbench.trials import runner
+from usbench.trials.configuration import resolve
 from usbench.trials.model_loading import load_agent
 from usbench.watch import film, replay
 
@@ -42,7 +46,7 @@ def _true_frames(monkeypatch, folder):
     """Quick trials, but with slices of the volume, kept in `folder`."""
     sweep_worker.speed_up(monkeypatch)
     monkeypatch.setenv("USBENCH_CACHE", str(folder / "cache"))
-    for module in ("envs.guidance", "trials.runner", "trials.tensorboard", "guide.examination"):
+    for module in ("envs.guidance", "setting", "trials.tensorboard", "guide.examination"):
         monkeypatch.setattr(f"usbench.{module}.frame_store", frames.frame_store)
     frames.frame_store.cache_clear()
 
@@ -70,11 +74,11 @@ def file(made):
 
 
 def asked(file, *settings):
-    return anatomy_record.asked([str(file), *TARGET, *settings])
+    return phantom.asked([str(file), *TARGET, *settings])
 
 
 def resolved(file, *settings):
-    return runner.resolve("vpg", "pp", steps=64, anatomy=asked(file, *settings))
+    return resolve("vpg", "pp", steps=64, anatomy=asked(file, *settings))
 
 
 def frames_of(own, pose):
@@ -82,7 +86,7 @@ def frames_of(own, pose):
 
 
 def test_a_trial_tells_where_the_volume_was_and_what_was_looked_for(trial, _made):
-    state = records.read_state(trial)
+    state = read_state(trial)
     environment = state["config"]["environment"]
     assert environment["volume"] == str(_made / "block.mha")
     assert environment["phantom"]["digest"] == tissue.read(_made / "block.mha").digest
@@ -116,7 +120,7 @@ def test_the_same_content_is_the_same_trial_wherever_it_lies(trial, file, tmp_pa
     tables = [results.collect(folder.parent).trials for folder in (trial, again)]
     assert tables[0]["configuration"].tolist() == tables[1]["configuration"].tolist()
     others = [
-        runner.resolve("vpg", "pp", steps=64),
+        resolve("vpg", "pp", steps=64),
         resolved(moved),
         resolved(moved, "frames=recorded", "skin_mm=1"),
         resolved(moved, "frames=recorded", "target_focal_depth_mm=40"),
@@ -126,7 +130,7 @@ def test_the_same_content_is_the_same_trial_wherever_it_lies(trial, file, tmp_pa
 
 def test_the_papers_trials_are_called_as_ever():
     # The name that docs and earlier trials have.
-    assert runner.resolve("dqn", "pp", steps=2048).folder_name == "pp-p0-dqn-s0-b8247cf7"
+    assert resolve("dqn", "pp", steps=2048).folder_name == "pp-p0-dqn-s0-b8247cf7"
 
 
 def test_watching_finds_the_volume_again_or_says_what_is_missing(trial, _made, capsys, made, monkeypatch):
@@ -134,7 +138,7 @@ def test_watching_finds_the_volume_again_or_says_what_is_missing(trial, _made, c
     out = capsys.readouterr().out
     assert "optimum" in out and len(out.splitlines()) == 19
     # What is kept needs no file; without both there is a sentence.
-    own = anatomy_record.recorded(records.read_state(trial)["config"]["environment"])
+    own = anatomy_record.recorded(read_state(trial)["config"]["environment"])
     gone = replace(own, path=str(made / "gone.mha"))
     monkeypatch.setattr(anatomy_record, "recorded", lambda _: gone)
     tissue._volume.cache_clear()
@@ -150,9 +154,11 @@ def test_watching_finds_the_volume_again_or_says_what_is_missing(trial, _made, c
 
 
 def test_a_replay_is_of_the_volume(trial):
-    own = anatomy_record.recorded(records.read_state(trial)["config"]["environment"])
+    own = anatomy_record.recorded(read_state(trial)["config"]["environment"])
     record = replay.typical_episode(trial)
-    *_, last = replay.play("pp", 0.0, int(record["eval_episode"]), record["actions"], anatomy=own)
+    *_, last = replay.play(
+        Setting(task="pp", noise=0.0), int(record["eval_episode"]), record["actions"], anatomy=own
+    )
     assert last.return_ == record["return"]
     # The optimum is that of the target.
     planned = suite.evaluation_episodes("pp")[int(record["eval_episode"])]
@@ -199,7 +205,7 @@ def test_agents_of_another_anatomy_do_not_advise(trial, monkeypatch):
     sweep_worker.speed_up(monkeypatch)
     monkeypatch.setattr(examination, "frame_store", guidance.frame_store)
     assert Session(trial.parent, seed=0).agent == ORACLE
-    other = runner.run_trial(runner.resolve("vpg", "pp", steps=16), trial.parent).folder
+    other = runner.run_trial(resolve("vpg", "pp", steps=16), trial.parent).folder
     assert Session(trial.parent, seed=0).agent == other.name
     agents = [agent["name"] for agent in Session(trial.parent, trial, seed=0).state()["agents"]]
     assert agents == [trial.name, ORACLE]

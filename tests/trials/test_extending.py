@@ -7,6 +7,7 @@ from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import pytest
+from state_files import read_state
 
 from usbench import cli, records
 from usbench.agents import plugins, zoo
@@ -71,7 +72,7 @@ def test_starts_and_noise_are_those_of_other_algorithms(here):
 def test_a_row_of_ones_own_and_settings(here):
     argv = ["run", "--algo", "mine:LongPPO", *SHORT, "--set", "n_steps=64", "batch_size=64", "gamma=0.5"]
     assert cli.main(argv) == 0
-    chosen = records.read_state(the_trial(here))["config"]["hyperparameters"]
+    chosen = read_state(the_trial(here))["config"]["hyperparameters"]
     assert (chosen["n_epochs"], chosen["gamma"]) == (8, 0.5)
 
 

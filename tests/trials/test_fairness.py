@@ -6,6 +6,7 @@ import sweep_worker
 from usbench import records
 from usbench.agents import zoo
 from usbench.trials import callback, evaluation, runner
+from usbench.trials.configuration import resolve
 
 LEARNERS = [algo for algo, row in zoo.ZOO.items() if row.learns]
 STEPS = 96
@@ -40,7 +41,7 @@ def train(algo, out, monkeypatch, steps=STEPS):
     with monkeypatch.context() as patch:
         patch.setattr(evaluation.Recorder, "__init__", init)
         patch.setattr(evaluation.Recorder, "step", step)
-        config = runner.resolve(algo, "pp", noise=0.5, steps=steps, overrides=SMALL[algo])
+        config = resolve(algo, "pp", noise=0.5, steps=steps, overrides=SMALL[algo])
         folder = runner.run_trial(config, out).folder
     return folder, displacements
 

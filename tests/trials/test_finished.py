@@ -8,10 +8,12 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 import trials
+from state_files import read_state, write_state
 
 from usbench import cli, records
 from usbench.compare import sweep
 from usbench.trials import runner
+from usbench.trials.configuration import resolve
 from usbench.trials.finished import is_finished
 
 
@@ -35,7 +37,7 @@ class Notes:
 
 def config():
     """Of the trial in the fixture `finished`."""
-    return runner.resolve("vpg", "pp", steps=128, noise=0.5)
+    return resolve("vpg", "pp", steps=128, noise=0.5)
 
 
 def swept(out, *configs):
@@ -101,14 +103,14 @@ def test_trial_without_its_record_is_run_again_and_has_the_same_bits(finished):
 
 def test_every_changed_digit_of_a_record_is_noticed(finished):
     path = finished / records.TRIAL
-    text, state = path.read_text(), records.read_state(finished)
+    text, state = path.read_text(), read_state(finished)
     digits = [place for place, letter in enumerate(text) if letter.isdigit()]
     assert len(digits) > 300  # times, versions, anchors and settings among them
     for place in digits:
         path.write_text(text[:place] + str((int(text[place]) + 1) % 10) + text[place + 1 :])
         try:
             # The seventeenth digit of a number may say nothing.
-            assert records.read_state(finished) == state, place
+            assert read_state(finished) == state, place
         except ValueError as refused:
             assert str(refused).startswith(str(path))
     path.write_text(text)
@@ -137,7 +139,7 @@ def test_changed_weights_are_noticed(finished):
 
 
 def test_agents_that_do_not_learn_have_models_too(quick, tmp_path):
-    planned = runner.resolve("stay", "pp")
+    planned = resolve("stay", "pp")
     swept(tmp_path, planned)
     assert swept(tmp_path, planned) == ([(0, 1)], [None])
     halve(tmp_path / planned.folder_name / records.MODEL)
@@ -145,7 +147,7 @@ def test_agents_that_do_not_learn_have_models_too(quick, tmp_path):
 
 
 def test_records_of_earlier_versions_without_checksums_are_finished_too(finished):
-    state = records.read_state(finished)
+    state = read_state(finished)
     del state["checksums"]
     (finished / records.TRIAL).write_text(json.dumps(state))
     assert swept(finished.parent) == ([(0, 1)], [None])
@@ -188,9 +190,9 @@ def test_checkpoints_that_a_kill_left_beside_a_finished_trial_are_removed(finish
     "name", ["/dev/zero", "../../outside", "tensorboard/../../outside", "tensorboard", ""]
 )
 def test_names_in_a_record_lead_nowhere_else(finished, name):
-    records.write_state(finished, records.read_state(finished) | {"checksums": {name: "0" * 64}})
+    write_state(finished, read_state(finished) | {"checksums": {name: "0" * 64}})
     for read in (
-        lambda: records.read_state(finished),
+        lambda: read_state(finished),
         lambda: records.load(finished),
         lambda: is_finished(config(), finished.parent),
     ):

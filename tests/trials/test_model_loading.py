@@ -13,12 +13,15 @@ import numpy as np
 import pytest
 import torch
 from stable_baselines3 import PPO
+from state_files import read_state, write_state
 
-from usbench import records, suite
+from usbench import records
 from usbench.agents import zoo
 from usbench.agents.vpg import VPG
 from usbench.records import ConfigurationError
+from usbench.setting import make_env
 from usbench.trials import model_loading, runner
+from usbench.trials.configuration import resolve
 
 
 class Evil:
@@ -61,19 +64,19 @@ def refusal(path, **named):
 
 
 def change_record(folder, **changes):
-    state = records.read_state(folder)
+    state = read_state(folder)
     state["config"] |= changes
-    records.write_state(folder, state)
+    write_state(folder, state)
 
 
 def observations(task, n=5):
-    env = suite.make_env(task)
+    env = make_env(task)
     return np.stack([env.reset(seed=seed)[0] for seed in range(n)])
 
 
 def test_trial_is_opened_and_acts_as_the_model_that_was_saved(finished):
     loaded = model_loading.load_agent(finished)
-    assert loaded.config == runner.resolve("vpg", "pp", steps=128, noise=0.5)
+    assert loaded.config == resolve("vpg", "pp", steps=128, noise=0.5)
     assert loaded.config.folder_name == finished.name
     seen = observations("pp")
     ours, _ = loaded.agent.predict(seen, deterministic=True)
@@ -96,11 +99,11 @@ def test_nothing_is_unpickled_on_the_way(finished, monkeypatch):
 @pytest.mark.parametrize("algo", [name for name, row in zoo.ZOO.items() if row.learns])
 @pytest.mark.parametrize("task", ["fp", "pp"])
 def test_every_algorithms_plain_zip_is_opened(quick, tmp_path, algo, task):
-    config = runner.resolve(algo, task)
+    config = resolve(algo, task)
     hyperparameters = config.hyperparameters
     if "buffer_size" in hyperparameters:
         hyperparameters = {**hyperparameters, "buffer_size": 10}
-    model = zoo.make(algo, suite.make_env(task), 7, hyperparameters, device="cpu")
+    model = zoo.make(algo, make_env(task), 7, hyperparameters, device="cpu")
     model.save(tmp_path / "strangers.zip")
     loaded = model_loading.load_agent(tmp_path / "strangers.zip", algo=algo, task=task)
     assert loaded.config == config
@@ -112,7 +115,7 @@ def test_every_algorithms_plain_zip_is_opened(quick, tmp_path, algo, task):
 
 @pytest.mark.parametrize("algo", ["random", "stay", "oracle"])
 def test_agents_that_do_not_learn_need_no_weights(quick, tmp_path, algo):
-    config = runner.resolve(algo, "fp", noise=0.25)
+    config = resolve(algo, "fp", noise=0.25)
     folder = runner.run_trial(config, tmp_path).folder
     loaded = model_loading.load_agent(folder)
     assert loaded.config == config
@@ -215,7 +218,7 @@ def test_archive_that_unpacks_to_fill_the_memory_is_refused_unread(finished, inn
 
 
 def test_size_of_a_replay_buffer_is_not_believed(finished):
-    hyperparameters = runner.resolve("dqn", "pp", overrides={"buffer_size": 10_000_000}).hyperparameters
+    hyperparameters = resolve("dqn", "pp", overrides={"buffer_size": 10_000_000}).hyperparameters
     change_record(finished, algo="dqn", hyperparameters=hyperparameters)
     assert "does not fit dqn" in refusal(finished)
 

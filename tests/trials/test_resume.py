@@ -6,10 +6,13 @@ import threading
 import numpy as np
 import pytest
 import trials
+from state_files import read_state
 from trials import ENDED_AT, FIRST_TOLD, Killed, Until, ended, go_on, killing
 
-from usbench import records, suite
+from usbench import records
+from usbench.setting import make_env
 from usbench.trials import callback, resume_files, runner
+from usbench.trials.configuration import resolve
 from usbench.trials.evaluation import Recorder
 
 
@@ -19,7 +22,7 @@ def test_killed_trial_goes_on_and_ends_with_the_bits_of_an_undisturbed_one(
     undisturbed, often, tmp_path, algo
 ):
     folder = ended(tmp_path, algo)
-    assert records.read_state(folder)["status"] == "running"
+    assert read_state(folder)["status"] == "running"
     # The last rollout began at most 16 steps before.
     assert ENDED_AT - 16 < go_on(folder, algo) <= ENDED_AT
     assert trials.bits(folder) == trials.bits(undisturbed(algo))
@@ -49,10 +52,10 @@ def test_interrupted_and_failed_trials_go_on_too(undisturbed, often, tmp_path):
         with pytest.raises((KeyboardInterrupt, runner.TrialError)):
             runner.run_trial(trials.config("vpg"), tmp_path, progress=Until(step, error))
         (folder,) = records.trial_folders(tmp_path)
-        assert records.read_state(folder)["status"] == status
+        assert read_state(folder)["status"] == status
     go_on(folder)
     assert trials.bits(folder) == trials.bits(undisturbed("vpg"))
-    assert records.read_state(folder)["reason"] is None
+    assert read_state(folder)["reason"] is None
 
 
 def test_killed_while_it_ends_after_a_rollout_that_the_budget_cut_off(
@@ -84,12 +87,12 @@ def test_disk_that_takes_no_events_is_told_of_once(undisturbed, often, tmp_path,
 
 def test_time_before_the_kill_counts(often, tmp_path, monkeypatch):
     folder = ended(tmp_path)
-    started = records.read_state(folder)["started"]
+    started = read_state(folder)["started"]
     path = sorted((folder / records.CHECKPOINTS).iterdir())[-1]
     content = resume_files._read(path)
     resume_files.Checkpoints(folder, 0).write(int(path.stem), content | {"seconds": {"training_s": 1000.0}})
     go_on(folder)
-    state = records.read_state(folder)
+    state = read_state(folder)
     assert 990 < state["timings"]["training_s"] < 1100 and state["started"] == started
 
 
@@ -130,7 +133,7 @@ def test_algorithm_that_is_not_stable_baselines_starts_again_and_says_so(
     code += "        for _ in range(steps): self.env.step([0])\n"
     (tmp_path / "simple_counter.py").write_text(code)
     monkeypatch.syspath_prepend(tmp_path)
-    config = runner.resolve("simple_counter:Counter", "pp", steps=64)
+    config = resolve("simple_counter:Counter", "pp", steps=64)
     with pytest.raises(Killed):
         runner.run_trial(config, tmp_path / "runs", progress=Until(32))
     folder = runner.run_trial(config, tmp_path / "runs").folder
@@ -165,7 +168,7 @@ def test_second_process_waits_and_computes_nothing_twice(quick, tmp_path, caplog
 @pytest.mark.parametrize("n_steps", [0, 5, 16, 39])
 def test_environment_put_back_goes_on_as_it_did(quick, n_steps):
     def made():
-        return Recorder(suite.make_env("pp", 0.5), lambda facts: told.append(facts))
+        return Recorder(make_env("pp", noise=0.5), lambda facts: told.append(facts))
 
     def play(env, n):
         return [step(env) for _ in range(n)]

@@ -7,13 +7,16 @@ import numpy as np
 import pytest
 import torch
 from PIL import Image
+from state_files import read_state
 
 from usbench import records, suite
 from usbench.agents import zoo
 from usbench.agents.vpg import VPG
 from usbench.records import ConfigurationError
 from usbench.records.journal import read_rows
+from usbench.setting import Setting, make_env
 from usbench.trials import callback, runner
+from usbench.trials.configuration import resolve
 from usbench.trials.evaluation import Evaluator
 from usbench.watch import replay
 
@@ -21,7 +24,7 @@ STEPS = 128
 
 
 def run(out, algo="vpg", task="pp", *, overwrite=False, progress=None, **settings):
-    config = runner.resolve(algo, task, **{"steps": STEPS, **settings})
+    config = resolve(algo, task, **{"steps": STEPS, **settings})
     return runner.run_trial(config, out, overwrite=overwrite, progress=progress)
 
 
@@ -42,7 +45,7 @@ def test_finished_trial_has_every_file_and_its_story(finished):
     assert {"trial.json", "episodes.jsonl", "evaluations.jsonl", "model.zip", "tensorboard"} == {
         path.name for path in finished.iterdir()
     }
-    state = records.read_state(finished)
+    state = read_state(finished)
     assert state["status"] == "finished" and state["reason"] is None
     assert set(state["checksums"]) == {"episodes.jsonl", "evaluations.jsonl"}
     assert state["config"]["hyperparameters"]["gae_lambda"] == 0.97
@@ -70,7 +73,7 @@ def test_checkpoints_and_evaluation_episodes_are_the_suites(finished):
 
 def test_record_alone_is_enough_to_replay_an_episode(finished):
     for record in read_rows(finished / records.EVALUATIONS)[:3]:
-        *_, last = replay.play("pp", 0.5, record["eval_episode"], record["actions"])
+        *_, last = replay.play(Setting(task="pp", noise=0.5), record["eval_episode"], record["actions"])
         assert last.return_ == record["return"]
     path = replay.write_gif(finished)
     with Image.open(path) as animation:
@@ -98,7 +101,7 @@ def test_agents_that_do_not_learn_are_evaluated_once(quick, tmp_path, algo):
     evaluations = records.load(folder)
     assert set(evaluations["checkpoint"]) == {0}
     assert records.load(folder, "episodes").empty
-    assert records.read_state(folder)["config"]["steps"] == 0
+    assert read_state(folder)["config"]["steps"] == 0
 
 
 def test_evaluation_seeds_never_meet_training_seeds():
@@ -107,12 +110,15 @@ def test_evaluation_seeds_never_meet_training_seeds():
 
 
 def test_evaluation_leaves_every_generator_as_it_was(quick):
-    env = suite.make_env("pp")
+    env = make_env("pp")
     model = VPG("CnnPolicy", env, device="cpu", seed=0)
     before = torch.get_rng_state(), np.random.get_state()[1].copy(), env.action_space.np_random.random
     state = model.action_space.np_random.bit_generator.state
     first, second = (
-        Evaluator("pp", 0.5, 4).play(model, checkpoint=0, step=0, deterministic=False) for _ in range(2)
+        Evaluator(Setting(task="pp", noise=0.5, n_frames=4)).play(
+            model, checkpoint=0, step=0, deterministic=False
+        )
+        for _ in range(2)
     )
     assert first == second
     assert torch.equal(before[0], torch.get_rng_state())
@@ -122,9 +128,9 @@ def test_evaluation_leaves_every_generator_as_it_was(quick):
 
 @pytest.mark.parametrize("algo", ["dqn", "qrdqn"])
 def test_value_based_agents_explore_in_each_episode_by_itself(quick, algo):
-    env = suite.make_env("pp")
+    env = make_env("pp")
     agent = zoo.make(algo, env, 0, {**zoo.hyperparameters(algo, "pp"), "buffer_size": 100})
-    evaluator = Evaluator("pp", 0.0, 4)
+    evaluator = Evaluator(Setting(task="pp", noise=0.0, n_frames=4))
 
     def first_actions(deterministic):
         played = evaluator.play(agent, checkpoint=0, step=0, deterministic=deterministic)
@@ -157,7 +163,7 @@ def test_interrupted_trial_keeps_its_state_and_goes_on(finished, tmp_path):
     with pytest.raises(KeyboardInterrupt):
         run(tmp_path, noise=0.5, progress=stop_at(80, KeyboardInterrupt()))
     (folder,) = records.trial_folders(tmp_path)
-    assert records.read_state(folder)["status"] == "interrupted"
+    assert read_state(folder)["status"] == "interrupted"
     assert len(records.load(folder, "episodes")) == 5
     assert VPG.load(folder / "model.zip").num_timesteps == 80
     again = run(tmp_path, noise=0.5)
@@ -170,7 +176,7 @@ def test_failed_trial_says_why_and_keeps_its_records(quick, tmp_path):
     with pytest.raises(runner.TrialError, match="No space left"):
         run(tmp_path, progress=stop_at(80, OSError(28, "No space left on device")))
     (folder,) = records.trial_folders(tmp_path)
-    state = records.read_state(folder)
+    state = read_state(folder)
     assert state["status"] == "failed" and "No space left" in state["reason"]
     assert len(records.load(folder, "episodes")) == 5
 
@@ -199,12 +205,12 @@ def test_failed_trial_says_why_and_keeps_its_records(quick, tmp_path):
 def test_unusable_settings_are_refused_in_one_sentence(changes, message):
     arguments = {"algo": "vpg", "task": "pp", **changes}
     with pytest.raises(ConfigurationError, match=message) as refusal:
-        runner.resolve(**arguments)
+        resolve(**arguments)
     assert "\n" not in str(refusal.value)
 
 
 def test_resolved_configuration_is_complete_and_plain():
-    config = runner.resolve("vpg", "fp", preset="spinup", overrides={"gamma": "0.9"})
+    config = resolve("vpg", "fp", preset="spinup", overrides={"gamma": "0.9"})
     assert config.steps == 16_064 and config.n_frames == 4
     assert config.hyperparameters["n_value_steps"] == 80
     assert config.hyperparameters["gamma"] == 0.9

@@ -1,10 +1,11 @@
 """Trials of machines or versions that differ are told of (the same bits everywhere: test_cluster.py)."""
 
 from quick_trials import DrawnFrames
+from state_files import read_state
 
-from usbench import records
 from usbench.results import leaderboard, tables
 from usbench.trials import runner
+from usbench.trials.configuration import resolve
 
 
 class BrighterFrames(DrawnFrames):
@@ -15,7 +16,7 @@ class BrighterFrames(DrawnFrames):
 
 
 def test_machine_that_differs_says_so_in_record_and_footnote(quick, tmp_path, monkeypatch):
-    configs = [runner.resolve("vpg", "pp", steps=64, seed=seed) for seed in range(3)]
+    configs = [resolve("vpg", "pp", steps=64, seed=seed) for seed in range(3)]
     for config in configs[:2]:
         runner.run_trial(config, tmp_path / "runs")
     real = runner.version
@@ -24,7 +25,7 @@ def test_machine_that_differs_says_so_in_record_and_footnote(quick, tmp_path, mo
     monkeypatch.setattr("usbench.trials.runner.frame_store", lambda *_: frames)
     runner.run_trial(configs[2], tmp_path / "runs")
 
-    states = [records.read_state(tmp_path / "runs" / config.folder_name) for config in configs]
+    states = [read_state(tmp_path / "runs" / config.folder_name) for config in configs]
     digests = [state["frames"]["digest"] for state in states]
     assert digests[0] == digests[1] != digests[2]
     assert [state["versions"]["numpy"] for state in states] == [real("numpy"), real("numpy"), "0.1"]

@@ -6,17 +6,17 @@ from stable_baselines3.common.logger import configure
 from stable_baselines3.common.vec_env import DummyVecEnv
 from tensorboard.backend.event_processing.event_accumulator import IMAGES, SCALARS, TENSORS, EventAccumulator
 
-from usbench import suite
 from usbench.agents import zoo
 from usbench.envs.pose import Pose
+from usbench.setting import Setting, make_env
 from usbench.trials import tensorboard
 from usbench.trials.evaluation import Evaluator
 
 
 @pytest.fixture
 def agent(quick, tmp_path, monkeypatch):
-    env = DummyVecEnv([lambda: suite.make_env("pp")])
-    frames = suite.make_env("pp").unwrapped
+    env = DummyVecEnv([lambda: make_env("pp")])
+    frames = make_env("pp").unwrapped
     frames.reset(seed=0)
     monkeypatch.setattr(tensorboard, "frame_store", lambda *_: frames._frames)
     agent = zoo.make("vpg", env, 0, zoo.hyperparameters("vpg", "pp"))
@@ -25,7 +25,9 @@ def agent(quick, tmp_path, monkeypatch):
 
 
 def test_scores_anchors_and_frames_are_in_the_events(agent, tmp_path):
-    played = Evaluator("pp", 0.0, 4).play(agent, checkpoint=0, step=0, deterministic=True)
+    played = Evaluator(Setting(task="pp", noise=0.0, n_frames=4)).play(
+        agent, checkpoint=0, step=0, deterministic=True
+    )
     tensorboard.begin(agent.logger)
     tensorboard.trained(agent.logger, 0.25)
     tensorboard.evaluated(agent, played)
@@ -47,7 +49,9 @@ def test_scores_anchors_and_frames_are_in_the_events(agent, tmp_path):
 
 
 def test_strip_shows_the_final_poses(agent):
-    played = Evaluator("pp", 0.0, 4).play(agent, checkpoint=0, step=0, deterministic=True)
+    played = Evaluator(Setting(task="pp", noise=0.0, n_frames=4)).play(
+        agent, checkpoint=0, step=0, deterministic=True
+    )
     strip = tensorboard.strip(agent, played[:2])
     last = played[1]
     pose = Pose(last.final_x_mm, last.final_focal_depth_mm, last.final_angle_deg)

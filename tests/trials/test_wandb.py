@@ -11,7 +11,8 @@ from stable_baselines3.common.logger import configure
 from usbench import cli
 from usbench.figures import learning_curve
 from usbench.records import ConfigurationError
-from usbench.trials import runner, wandb_run
+from usbench.trials import wandb_run
+from usbench.trials.configuration import resolve
 from usbench.watch import replay
 
 RUN = ["run", "--algo", "stay", "--task", "pp", "--quiet", "--wandb"]
@@ -29,7 +30,7 @@ def wandb(tmp_path, monkeypatch):
 # Its dependencies warn, of what is not ours to fix.
 @pytest.mark.filterwarnings("ignore")
 def test_offline_run_keeps_what_tensorboard_gets(wandb, tmp_path):
-    config = runner.resolve("vpg", "pp", noise=0.25)
+    config = resolve("vpg", "pp", noise=0.25)
     before = random.getstate(), repr(np.random.get_state())
     with wandb_run.followed(config):
         logger = configure(str(tmp_path / "tensorboard"), ["tensorboard"])
@@ -51,7 +52,7 @@ def test_run_that_cannot_begin_is_refused(wandb, monkeypatch):
     monkeypatch.setattr(wandb, "init", refuse)
     with (
         pytest.raises(ConfigurationError, match=r"\(api_key not configured\).*WANDB_MODE=offline"),
-        wandb_run.followed(runner.resolve("vpg", "pp")),
+        wandb_run.followed(resolve("vpg", "pp")),
     ):
         pytest.fail("the trial began")
 

@@ -9,9 +9,10 @@ import pytest
 from PIL import Image
 from rich.console import Console
 
-from usbench import cli, records, suite
+from usbench import cli, records
 from usbench.agents import zoo
 from usbench.envs import oracle
+from usbench.setting import Setting, make_env
 from usbench.watch import film, replay, terminal
 from usbench.watch.advice import Advice, Adviser
 
@@ -29,14 +30,14 @@ def moments(folder, number=0):
 
 
 def agent(algo, task="pp"):
-    env = suite.make_env(task)
+    env = make_env(task)
     plan = {"policy": oracle.policy(task)} if algo == "oracle" else {}
     return zoo.make(algo, env, 0, zoo.hyperparameters(algo, task), **plan)
 
 
 @pytest.mark.parametrize("algo", [*LEARNERS, "stay"])
 def test_advice_is_what_the_agent_does(quick, algo):
-    acting, env = agent(algo), suite.make_env("pp")
+    acting, env = agent(algo), make_env("pp")
     adviser = Adviser(acting)
     for _ in range(2):  # a second episode knows nothing of the first
         adviser.begin()
@@ -57,7 +58,7 @@ def test_advice_is_what_the_agent_does(quick, algo):
 
 
 def test_advice_of_those_that_do_not_learn(quick):
-    env = suite.make_env("fp")
+    env = make_env("fp")
     observation, info = env.reset(seed=0, options={"x_mm": -20, "focal_depth_mm": 50})
     assert Adviser(agent("random", "fp")).advise(observation, info, 0).weights == (0.2,) * 5
     # 20 mm to the left of the object, in its depth: only a move to the right gains anything.
@@ -79,7 +80,7 @@ def test_return_and_final_pose_are_the_records(finished):
 
 
 def test_optimum_is_the_programmes_value_of_the_start(quick):
-    played = list(replay.play("fp", 0.0, 1, [0] * 16))
+    played = list(replay.play(Setting(task="fp", noise=0.0), 1, [0] * 16))
     expected = oracle.policy("fp").value(0, played[0].pose)
     assert played[-1].optimum == pytest.approx(expected)
     assert [played[0].optimum, played[0].return_] == [0.0, 0.0]
@@ -89,10 +90,10 @@ def test_optimum_meets_the_same_slips(quick):
     plan, pose, actions = oracle.policy("pp", 0.5), None, []
     # Whoever plays as the optimum does has its return, slips and all.
     for _ in range(16):
-        *_, last = replay.play("pp", 0.5, 2, actions)
+        *_, last = replay.play(Setting(task="pp", noise=0.5), 2, actions)
         pose = last.pose
         actions.append(plan.action(len(actions), pose))
-    played = list(replay.play("pp", 0.5, 2, actions))
+    played = list(replay.play(Setting(task="pp", noise=0.5), 2, actions))
     assert played[-1].return_ == pytest.approx(played[-1].optimum)
     words = {"5 mm to the left", "5 mm to the right", "15° clockwise", "15° counter-clockwise"}
     assert {moment.slip for moment in played} - {""} <= words and any(moment.slip for moment in played)
@@ -128,7 +129,10 @@ def test_page_marks_the_advised_action(finished):
 def test_page_has_room_for_advice_on_every_action_and_tells_the_settings(quick):
     names = replay.action_names("setup")
     advice = Advice((0.0,) * (len(names) - 1) + (1.0,))
-    played = [dataclasses.replace(moment, advice=advice) for moment in replay.play("setup", 0.0, 0, [3, 5])]
+    played = [
+        dataclasses.replace(moment, advice=advice)
+        for moment in replay.play(Setting(task="setup", noise=0.0), 0, [3, 5])
+    ]
     page = np.asarray(film.page(played[0], 2, names))
     top = played[0].picture.shape[0] + 2 + 22 * (len(names) - 1)
     assert (page[top + 4 : top + 16, 940:1190] == film.BEST).all()

@@ -37,20 +37,6 @@ def setting(text: str) -> tuple[str, str]:
     return name, value
 
 
-def phantom(parser: argparse.ArgumentParser, target: str = "") -> None:
-    """Add the option for an anatomy of one's own, with what is to be known of its target."""
-    parser.add_argument(
-        "--phantom",
-        nargs="+",
-        default=[],
-        metavar=("FILE", "NAME=VALUE"),
-        help="a 3-D image (.nii, .mha, .nrrd) in place of the phantom, needs usbench[anatomy]: "
-        "frames=simulated (default) or recorded, lateral=x, down=z, center_x_mm, center_y_mm, skin_mm, seed, "
-        "density_per_mm3, dynamic_range_db, attenuation_db_per_cm_mhz"
-        f"{'; ' if target else ''}{target}",
-    )
-
-
 def add_leaderboard_file(parser: argparse.ArgumentParser) -> None:
     """Add the option for the file of the leaderboard."""
     parser.add_argument(

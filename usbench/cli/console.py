@@ -1,19 +1,18 @@
 """What a person sees in the terminal: progress while a trial runs, a table and paths when it has ended."""
 
 import sys
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
 from rich.console import Console
 from rich.table import Table
 from tqdm import tqdm
 
 from usbench import records
-from usbench.records.journal import read_rows
-from usbench.tasks import ROWS
+from usbench.records import Trial, TrialConfig
+from usbench.tasks import row_of
 
+REFERENCES = ("random", "optimal")
 # Title, mean of the episodes, format.
 COLUMNS = (
     ("return", "return", "{:.2f}"),
@@ -74,29 +73,25 @@ class Bars:
 
 def trial_table(folder: Path) -> Table:
     """Return the last checkpoint of a trial as a table, beside random and optimal."""
-    state = records.read_state(folder)
-    config, anchors = state["config"], state["anchors"]
-    rows = pd.DataFrame(read_rows(folder / records.EVALUATIONS))
-    last = rows[rows["checkpoint"] == rows["checkpoint"].max()]
-    title = f"{config['algo']} on {config['task']}, noise {config['noise']:g}, seed {config['seed']}"
+    trial = Trial.read(folder)
+    config, anchors = trial.config, trial.anchors
     table = Table(
-        title=title,
-        caption=f"Means of {state['evaluation_episodes']} evaluation episodes after {config['steps']} "
+        title=trial.title,
+        caption=f"Means of {trial.n_evaluation_episodes} evaluation episodes after {config.steps} "
         "training steps. The returns of random and optimal are exact expectations.",
     )
     table.add_column("agent", no_wrap=True)
-    silent = ROWS[config["task"]].silent
+    silent = row_of(config.task).silent
     columns = [column for column in COLUMNS if column[1] not in silent]
     for title, *_ in columns:
         table.add_column(title, justify="right", no_wrap=True)
     shown = {
-        f"{config['algo']}, stochastic": records.means(last[~last["deterministic"]]),
-        f"{config['algo']}, deterministic": records.means(last[last["deterministic"]]),
-        **{name: {**state["references"][name], "return": anchors[name]} for name in ("random", "optimal")},
+        f"{config.algo}, stochastic": records.means(trial.last_evaluation(deterministic=False)),
+        f"{config.algo}, deterministic": records.means(trial.last_evaluation(deterministic=True)),
+        **{name: {**trial.references[name], "return": getattr(anchors, name)} for name in REFERENCES},
     }
     for name, means in shown.items():
-        score = (means["return"] - anchors["random"]) / (anchors["optimal"] - anchors["random"])
-        values = {**means, "normalized_score": score}
+        values = {**means, "normalized_score": anchors.score(means["return"])}
         table.add_row(name, *(form.format(values[key]) for _, key, form in columns))
     return table
 
@@ -104,16 +99,16 @@ def trial_table(folder: Path) -> Table:
 def print_trial(folder: Path, figures: dict[str, Path]) -> None:
     """Print the table of a finished trial and where its files are."""
     Console().print(trial_table(folder))
-    if unused := not_learned(records.read_state(folder)["config"]):
+    if unused := not_learned(Trial.read(folder).config):
         print(unused)
     # Plain prints: a path must not be wrapped.
     for name, path in {"trial folder": folder, **figures}.items():
         print(f"{name + ':':<16}{path}")
 
 
-def not_learned(config: Mapping[str, Any]) -> str:
+def not_learned(config: TrialConfig) -> str:
     """Return what a trial of so few steps did not learn from, in a sentence; "" if it learned from all."""
-    steps, values = config["steps"], config["hyperparameters"]
+    steps, values = config.steps, config.hyperparameters
     rest = steps % values.get("n_steps", 1)
     if rest:
         return f"The last {rest} of {steps} steps were not learned from: an update takes {values['n_steps']}."

@@ -6,7 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from usbench.cli.arguments import number, phantom
+from usbench.cli import phantom
+from usbench.cli.arguments import number
 
 EXAMPLES = """examples:
   usbench frame --x 10 --depth 35 --angle 60
@@ -52,7 +53,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
     kind.add_argument(
         "--envelope", action="store_const", const="envelope", dest="kind", help="envelope of the 64 lines"
     )
-    phantom(frame)
+    phantom.add(frame)
     frame.add_argument("--plain", action="store_true", help="the bare pixels, without axes")
     frame.add_argument(
         "--out", type=Path, metavar="FILE", help=".png or .npy (default: a .png named after the pose)"
@@ -63,17 +64,14 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
 def _call(args: argparse.Namespace) -> None:
     """Write what the probe sees from a pose."""
     from usbench.records import ConfigurationError
-    from usbench.trials import anatomy_record
     from usbench.watch import snapshot, snapshot_option
 
     pose = snapshot_option.pose(args.x, args.depth, args.angle, args.frequency, args.dynamic_range)
     if args.phantom and (args.task, args.number) != (None, None):
         raise ConfigurationError("--phantom is in place of a task's phantom: leave out --task and --number.")
-    phantom = anatomy_record.asked(args.phantom, looking=True) or snapshot_option.phantom_of(
-        args.task, args.number
-    )
+    tissue = phantom.asked(args.phantom, looking=True) or snapshot_option.phantom_of(args.task, args.number)
     label = snapshot_option.label(args.task, args.number)
     path = snapshot.path(args.out, args.kind, pose, args.plain, label)
-    taken = snapshot.take(pose, args.kind, phantom, label)
+    taken = snapshot.take(pose, args.kind, tissue, label)
     snapshot.write(taken, path, args.plain)
     print(f"{path}: {taken.kind}, {taken.values.shape} {taken.values.dtype}, {taken.unit}")

@@ -46,14 +46,14 @@ def _call(args: argparse.Namespace) -> None:
     from usbench.cli import console
     from usbench.guide import server
     from usbench.guide.session import Session
+    from usbench.setting import Setting
     from usbench.tasks import PAPER
-    from usbench.trials import runner
 
     with server.listening(args.port) as listener:
         session = Session(args.runs, args.trial, task=args.task, noise=args.noise, seed=args.seed)
         bars = console.Bars()
         # Of other tasks there are thousands: they are simulated as the probe moves.
         for task in sorted({*session.tasks} & {*PAPER}):
-            runner.prepare_frames(task, bars.frames, session.anatomy)
+            Setting(task=task, anatomy=session.anatomy).prepare_frames(bars.frames)
         bars.close()
         server.serve(session, listener, browser=not args.no_browser)

@@ -7,7 +7,8 @@ import contextlib
 from pathlib import Path
 from typing import Any
 
-from usbench.cli.arguments import number, phantom, setting
+from usbench.cli import phantom
+from usbench.cli.arguments import number, setting
 
 EXAMPLES = """examples:
   usbench run --algo vpg --task pp
@@ -42,7 +43,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         help="what is trained on: normalized (default), or image, computed from the frame alone; "
         "scores are those of the true reward",
     )
-    phantom(run, "target_x_mm and target_angle_deg or target_focal_depth_mm say where it is seen best")
+    phantom.add(run, "target_x_mm and target_angle_deg or target_focal_depth_mm say where it is seen best")
     run.add_argument("--preset", metavar="NAME", help="named hyperparameters, for example spinup")
     run.add_argument(
         "--set",
@@ -64,13 +65,14 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
 
 def _call(args: argparse.Namespace) -> None:
     """Train and evaluate one agent on one task."""
-    from usbench import records
     from usbench.cli import console
     from usbench.figures import learning_curve
-    from usbench.trials import anatomy_record, callback, runner, wandb_run
+    from usbench.records import Trial
+    from usbench.trials import callback, runner, wandb_run
+    from usbench.trials.configuration import resolve
     from usbench.watch import replay
 
-    config = runner.resolve(
+    config = resolve(
         args.algo,
         args.task,
         noise=args.noise,
@@ -78,13 +80,14 @@ def _call(args: argparse.Namespace) -> None:
         steps=args.steps,
         n_frames=args.n_frames,
         reward=args.reward,
-        anatomy=anatomy_record.asked(args.phantom),
+        anatomy=phantom.asked(args.phantom),
         preset=args.preset,
         overrides=dict(args.set),
     )
     progress: callback.Progress = callback.Silent() if args.quiet else console.Bars()
     folder = args.out / config.folder_name
-    follow = args.wandb and (args.overwrite or records.read_state(folder).get("status") != "finished")
+    trial = Trial.find(folder)
+    follow = args.wandb and (args.overwrite or trial is None or trial.status != "finished")
     try:
         with wandb_run.followed(config) if follow else contextlib.nullcontext():
             result = runner.run_trial(config, args.out, overwrite=args.overwrite, progress=progress)

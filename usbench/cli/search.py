@@ -57,7 +57,7 @@ def _call(args: argparse.Namespace) -> None:
     from usbench.envs.threads import n_threads
 
     jobs = n_threads() if args.jobs is None else plan.positive("jobs", args.jobs)
-    settings = search.resolve(args.algo, args.tasks, noise=args.noise, seeds=args.seeds, steps=args.steps)
+    settings = search.settings_of(args.algo, args.tasks, noise=args.noise, seeds=args.seeds, steps=args.steps)
     n_candidates = plan.positive("candidates", args.candidates)
     n_finalists = 0 if args.finalists is None else plan.positive("finalists", args.finalists)
     with sweep_progress.SweepBars(args.quiet) as bars:

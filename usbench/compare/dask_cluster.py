@@ -21,13 +21,13 @@ from urllib.parse import urlsplit
 from usbench import records
 from usbench.atomic import atomic_file
 from usbench.records import ConfigurationError, TrialConfig
-from usbench.trials import runner
+from usbench.trials import configuration
 from usbench.trials.callback import Silent
 
 CONNECT_S = 5.0
 MAX_GREETING = 1_000_000
 CANCEL_CHECK_S = 1.0
-PACKAGES = (*runner.PACKAGES, "distributed")
+PACKAGES = (*configuration.PACKAGES, "distributed")
 # What comes back of a trial folder; TensorBoard's events lie one folder down. The state comes last: whoever
 # finds it finds the rest.
 FILES = (records.EPISODES, records.EVALUATIONS, records.MODEL, f"{records.TENSORBOARD}/*", records.TRIAL)

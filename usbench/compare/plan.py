@@ -11,7 +11,7 @@ from usbench.figures import comparison
 from usbench.records import ConfigurationError, TrialConfig
 from usbench.results import leaderboard, scores, tables
 from usbench.results.tables import Results
-from usbench.trials import runner
+from usbench.trials.configuration import resolve
 
 # In every comparison, whatever else is asked for. They do not learn, so that one trial of each is enough.
 FLOOR_AND_CEILING = ("random", "stay", "oracle")
@@ -29,10 +29,8 @@ def plan(
     """
     learners = [algo for algo in algos if algo not in FLOOR_AND_CEILING]
     cells = [(task, noise) for task in tasks for noise in noises]
-    planned = [
-        runner.resolve(algo, task, noise=noise) for algo in FLOOR_AND_CEILING for task, noise in cells
-    ] + [
-        runner.resolve(algo, task, noise=noise, seed=seed, steps=steps)
+    planned = [resolve(algo, task, noise=noise) for algo in FLOOR_AND_CEILING for task, noise in cells] + [
+        resolve(algo, task, noise=noise, seed=seed, steps=steps)
         for seed in range(positive("seeds", n_seeds))
         for task, noise in cells
         for algo in learners
@@ -82,9 +80,7 @@ def gather(runs: Path) -> tuple[Results, pd.DataFrame]:
         raise ConfigurationError(
             f"there is no trial in {str(runs)!r}: usbench run and usbench compare make some."
         )
-    own = {
-        task: tables.digest(runner.resolve("stay", task).environment) for task in set(known.trials["task"])
-    }
+    own = {task: tables.digest(resolve("stay", task).environment) for task in set(known.trials["task"])}
     fits = scores.environments(known.trials) == known.trials["task"].map(own)
     chosen = known.trials[fits]
     return Results(chosen, known.curves[known.curves["trial"].isin(chosen["trial"])]), known.trials[~fits]

@@ -17,7 +17,7 @@ from usbench.checks import unknown
 from usbench.compare import sweep
 from usbench.compare.plan import positive
 from usbench.records import ConfigurationError, TrialConfig
-from usbench.trials import runner
+from usbench.trials.configuration import resolve
 
 # Comparisons count their seeds from 0. Finalists have others than those that chose them.
 FIRST_SEED, FINAL_SEED = 1000, 1100
@@ -51,7 +51,7 @@ class Settings:
     def trials(self, params: dict[str, Any]) -> list[TrialConfig]:
         """Return the trials of the candidate `params`."""
         return [
-            runner.resolve(
+            resolve(
                 self.algo,
                 task,
                 noise=self.noise,
@@ -64,7 +64,7 @@ class Settings:
         ]
 
 
-def resolve(algo: str, tasks: Sequence[str], *, noise: Any, seeds: Any, steps: Any) -> Settings:
+def settings_of(algo: str, tasks: Sequence[str], *, noise: Any, seeds: Any, steps: Any) -> Settings:
     """Return checked settings.
 
     Raises:
@@ -72,7 +72,7 @@ def resolve(algo: str, tasks: Sequence[str], *, noise: Any, seeds: Any, steps: A
     """
     if algo not in SPACES:
         raise ConfigurationError(str(unknown("algorithm with a search space", algo, SPACES)))
-    configs = [runner.resolve(algo, task, noise=noise, steps=steps) for task in dict.fromkeys(tasks)]
+    configs = [resolve(algo, task, noise=noise, steps=steps) for task in dict.fromkeys(tasks)]
     if len({config.steps for config in configs}) > 1:
         raise ConfigurationError(
             f"the tasks {', '.join(tasks)} have different budgets: give one with --steps."

@@ -12,13 +12,14 @@ import threading
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Any, NoReturn, Protocol
 
 from usbench import records
-from usbench.records import ConfigurationError, TrialConfig
+from usbench.records import ConfigurationError, Trial, TrialConfig
+from usbench.setting import Setting
 from usbench.trials import runner
 from usbench.trials.finished import is_finished
 
@@ -90,8 +91,8 @@ def run(
     damaged = [outcome for outcome in outcomes if outcome.reason is not None]
     missing = [config for config in configs if known[config.folder_name] is None]
     # Once, before the workers start: they would all simulate the same frames.
-    for task in dict.fromkeys(config.task for config in missing):
-        runner.prepare_frames(task, progress.frames)
+    for setting in dict.fromkeys(_of_frames(config) for config in missing):
+        setting.prepare_frames(progress.frames)
     n_finished = len(outcomes) - len(damaged)
     progress.started(len(missing) + len(damaged), n_finished, _expected_seconds(missing, out, jobs))
     for outcome in damaged:
@@ -110,6 +111,11 @@ def run(
         for slot in slots:
             slot.shutdown(cancel_futures=True)
     return outcomes
+
+
+def _of_frames(config: TrialConfig) -> Setting:
+    """Return the setting of a trial with what its frames do not depend on at its default."""
+    return replace(Setting.recorded(config).scored, noise=0.0, n_frames=1)
 
 
 def _outcomes(
@@ -218,10 +224,10 @@ def _expected_seconds(missing: Sequence[TrialConfig], out: Path, jobs: int) -> f
     seconds: dict[tuple[str, int], list[float]] = {}
     for folder in records.trial_folders(out):
         with contextlib.suppress(ValueError):
-            state = records.read_state(folder)
-            if state.get("status") == "finished" and "total_s" in state.get("timings", {}):
-                key = state["config"]["algo"], state["config"]["steps"]
-                seconds.setdefault(key, []).append(state["timings"]["total_s"])
+            trial = Trial.find(folder)
+            if trial is not None and trial.status == "finished" and "total_s" in trial.timings:
+                key = trial.config.algo, trial.config.steps
+                seconds.setdefault(key, []).append(trial.timings["total_s"])
     keys = [(config.algo, config.steps) for config in missing if config.steps]
     if not all(key in seconds for key in keys):
         return None

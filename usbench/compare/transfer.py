@@ -1,16 +1,15 @@
 """Agents that were trained on one phantom, tested on phantoms that they have never seen."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
 from pathlib import Path
 
 import pandas as pd
 import torch
 
-from usbench import records, suite
+from usbench import records
 from usbench.records import ConfigurationError
 from usbench.results import held_out, tables
-from usbench.trials import runner
+from usbench.setting import Setting
 from usbench.trials.evaluation import Evaluator
 from usbench.trials.model_loading import load_agent
 
@@ -56,7 +55,7 @@ def write(
     torch.set_num_threads(1)  # as in training: the bits do not depend on the machine
     for task in dict.fromkeys(missing["task"].map(held_out.MANY)):
         tell(f"frames of {task}")
-        runner.prepare_frames(task)
+        Setting(task=task).prepare_frames()
     path, failures = _keep(rows, folder), []
     for number, (name, algo) in enumerate(missing[["trial", "algo"]].itertuples(index=False, name=None), 1):
         tell(f"trial {number} of {len(missing)}: {name}")
@@ -97,10 +96,9 @@ def test(trial: Path, algo: str) -> dict[str, object]:
     """Play the evaluation episodes of the task on many phantoms with a trial's greedy actions."""
     loaded = load_agent(trial, algo=algo)
     config = loaded.config
-    task = held_out.MANY[config.task]
-    evaluator = Evaluator(task, config.noise, config.n_frames)
+    setting = Setting(task=held_out.MANY[config.task], noise=config.noise, n_frames=config.n_frames)
+    evaluator = Evaluator(setting)
     played = evaluator.play(loaded.agent, checkpoint=config.steps, step=config.steps, deterministic=True)
     evaluator.close()
-    anchors = asdict(suite.anchors(task, config.noise))
     table = pd.DataFrame([episode.as_row() for episode in played])
-    return held_out.summary(trial.name, task, table, random=anchors["random"], optimal=anchors["optimal"])
+    return held_out.summary(trial.name, setting.task, table, setting.anchors())

@@ -10,8 +10,7 @@ from matplotlib.figure import Figure
 from usbench import records
 from usbench.figures import comparison
 from usbench.figures import style as drawing
-from usbench.records import ConfigurationError
-from usbench.records.journal import read_rows
+from usbench.records import ConfigurationError, Trial
 from usbench.results import tables as results
 from usbench.results.tables import Results
 
@@ -103,15 +102,14 @@ def learning_curve_figure(folder: Path) -> Figure:
     Raises:
         ValueError: If the trial has no evaluations.
     """
-    state = records.read_state(folder)
-    evaluations = pd.DataFrame(read_rows(folder / records.EVALUATIONS))
+    trial = Trial.read(folder)
+    evaluations, anchors = trial.evaluations(), trial.anchors
     if evaluations.empty:
         raise ValueError(f"{folder} has no evaluations to draw.")
-    config, anchors = state["config"], state["anchors"]
     figure = Figure(figsize=(7.5, 5), dpi=150, layout="constrained")
     axes = figure.add_subplot()
 
-    episodes = pd.DataFrame(read_rows(folder / records.EPISODES))
+    episodes = trial.episodes()
     if not episodes.empty:
         smooth = episodes["return"].rolling(SMOOTHING_EPISODES, min_periods=1).mean()
         axes.plot(
@@ -127,22 +125,19 @@ def learning_curve_figure(folder: Path) -> Figure:
         axes.plot(mean.index, mean, style, color=color, markersize=4, label=label)
         if not deterministic:
             axes.fill_between(mean.index, mean - spread, mean + spread, color=color, alpha=0.18, linewidth=0)
-    axes.axhline(anchors["optimal"], color="black", linewidth=1, linestyle="-.", label="optimal")
-    axes.axhline(anchors["random"], color="black", linewidth=1, linestyle=":", label="random")
+    axes.axhline(anchors.optimal, color="black", linewidth=1, linestyle="-.", label="optimal")
+    axes.axhline(anchors.random, color="black", linewidth=1, linestyle=":", label="random")
 
-    axes.set_title(
-        f"{config['algo']} on {config['task']}, noise {config['noise']:g}, seed {config['seed']}", fontsize=11
-    )
+    axes.set_title(trial.title, fontsize=11)
     axes.set_xlabel("training steps")
     axes.set_ylabel("return per episode (sum of its rewards)")
     axes.grid(alpha=0.3)
     figure.legend(fontsize=8, loc="outside lower center", ncols=3)
-    span = anchors["optimal"] - anchors["random"]
     score = axes.secondary_yaxis(
         "right",
         functions=(
-            lambda value: (np.asarray(value) - anchors["random"]) / span,
-            lambda value: np.asarray(value) * span + anchors["random"],
+            lambda value: anchors.score(np.asarray(value)),
+            lambda value: anchors.return_of(np.asarray(value)),
         ),
     )
     score.set_ylabel("normalised score (0 random, 1 optimal)")

@@ -4,15 +4,13 @@ import json
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from usbench import records, suite
 from usbench.agents import zoo
-from usbench.envs import oracle
 from usbench.envs.anatomy import Anatomy
 from usbench.guide.examination import GUIDED, Opened
-from usbench.records import ConfigurationError
-from usbench.trials import anatomy_record
+from usbench.records import ConfigurationError, Trial
+from usbench.setting import Setting
 from usbench.trials.model_loading import load_agent
 from usbench.watch.advice import Adviser
 
@@ -89,8 +87,8 @@ def open_trial(trial: Known, task: str) -> Opened:
 
 def open_oracle(task: str, noise: float) -> Opened:
     """Return the exact optimum as an agent: it knows where the probe and the object are."""
-    env = suite.make_env(task, noise)
-    return Opened(Adviser(zoo.make("oracle", env, 0, {}, policy=oracle.Planner(task, noise))))
+    setting = Setting(task=task, noise=noise)
+    return Opened(Adviser(zoo.make("oracle", setting.make_env(), 0, {}, policy=setting.planner())))
 
 
 def _title(task: str) -> str:
@@ -100,28 +98,26 @@ def _title(task: str) -> str:
 def _known(folder: Path) -> Known | None:
     """Return what `trial.json` says; it may come from a stranger, so that anything can be wrong with it."""
     try:
-        state = records.read_state(folder)
-        config, score = state["config"], _score(folder, state)
-        algo, task, noise = str(config["algo"]), config["task"], float(config["noise"])
+        trial = Trial.read(folder)
+        config, score = trial.config, _score(trial)
+        algo, task, noise = config.algo, config.task, config.noise
         if task not in GUIDED or not (folder / records.MODEL).is_file():
             return None
         if algo in zoo.ZOO and not zoo.ZOO[algo].learns:
             return None
-        anatomy = anatomy_record.recorded(config["environment"])
-        label = f"{algo}, seed {config['seed']}, noise {noise:g}"
+        anatomy = Setting.recorded(config).anatomy
+        label = f"{algo}, seed {config.seed}, noise {noise:g}"
     except (ValueError, TypeError, KeyError, OSError):
         return None
     label += "" if score is None else f", score {score:.2f}"
     return Known(folder, task, noise, label, score, anatomy)
 
 
-def _score(folder: Path, state: dict[str, Any]) -> float | None:
-    path = folder / records.EVALUATIONS
+def _score(trial: Trial) -> float | None:
+    path = trial.folder / records.EVALUATIONS
     lines = path.read_bytes().splitlines() if path.is_file() else []
-    # Likeliest actions come last at every checkpoint.
-    rows = [json.loads(line) for line in lines[-int(state["evaluation_episodes"]) :]]
+    # Greedy actions come last at every evaluation point.
+    rows = [json.loads(line) for line in lines[-trial.n_evaluation_episodes :]]
     if not rows or not all(row["deterministic"] for row in rows):
         return None
-    mean = sum(row["return"] for row in rows) / len(rows)
-    anchors = state["anchors"]
-    return float((mean - anchors["random"]) / (anchors["optimal"] - anchors["random"]))
+    return trial.anchors.score(sum(row["return"] for row in rows) / len(rows))

@@ -1,7 +1,7 @@
 """An examination: one episode in which a person or an agent moves the probe, and what an agent advises."""
 
 import inspect
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -10,11 +10,11 @@ import numpy.typing as npt
 from usbench import suite
 from usbench.checks import whole_number
 from usbench.envs import oracle
-from usbench.envs.anatomy import Anatomy
 from usbench.envs.frames import frame_store
 from usbench.envs.pose import Move
 from usbench.envs.probe import LinearArray
 from usbench.envs.task import COORDINATES
+from usbench.setting import Setting
 from usbench.watch import episode
 from usbench.watch.advice import Advice, Adviser
 
@@ -34,8 +34,7 @@ class Examination:
     """One episode, step by step.
 
     Attributes:
-        task: Name of the task.
-        noise: Probability of a slip after each action.
+        setting: Task, noise and what is examined.
         actions: What was done so far.
         optimum: Return of the best policy that knows the pose, after every number of steps, from the same
             start and with the same slips.
@@ -49,19 +48,15 @@ class Examination:
 
     def __init__(
         self,
-        task: str,
-        noise: float,
+        setting: Setting,
         seed: int,
         agent: Opened | None = None,
-        anatomy: Anatomy | None = None,
     ) -> None:
-        """Begin an episode whose start and slips come from `seed`, in the task's phantom or one's own."""
-        self.task, self.noise = task, noise
-        self._anatomy = anatomy
-        self.guidance = suite.TASKS[task].guidance
+        """Begin an episode whose start and slips come from `seed`."""
+        self.setting, self.guidance = setting, setting.guidance
         self.actions: list[int] = []
         self._seed = seed
-        self.optimum = episode.optimum(task, noise, seed, anatomy=anatomy)
+        self.optimum = episode.optimum(setting, seed)
         self.ask(agent)
 
     @property
@@ -97,15 +92,15 @@ class Examination:
 
     def score(self, return_: float) -> float:
         """Return the normalised score of an episode's return: 0 is a random hand, 1 the mean optimum."""
-        anchors = oracle.returns(self.task, self.noise, target=self.phantom.target)
-        return (return_ - anchors.random) / (anchors.optimal - anchors.random)
+        anchors = oracle.returns(self.guidance, self.setting.noise, target=self.phantom.target)
+        return anchors.score(return_)
 
     def ask(self, agent: Opened | None) -> None:
         """Let another agent advise, or none; it is shown the episode from its start."""
         done, self.actions = self.actions, []
         self._adviser = agent.adviser if agent else None
         n_frames = agent.n_frames if agent else 1
-        self._env = suite.make_env(self.task, self.noise, n_frames=n_frames, anatomy=self._anatomy)
+        self._env = replace(self.setting, n_frames=n_frames).make_env()
         self.return_, self.slip, self.blocked, self._stopped = 0.0, "", False, False
         if self._adviser is not None:
             self._adviser.begin()

@@ -16,6 +16,7 @@ from usbench.guide.agents import ORACLE, Known
 from usbench.guide.examination import GUIDED, Examination, Opened
 from usbench.guide.training import QuickTraining
 from usbench.records import ConfigurationError
+from usbench.setting import Setting
 
 NOISES = (0.0, 0.25, 0.5)
 
@@ -75,10 +76,13 @@ class Session:
             self.agent = self._given.name
         self.begin()
 
+    def _setting(self) -> Setting:
+        return Setting(task=self._task, noise=self._noise, anatomy=self.anatomy)
+
     def begin(self) -> None:
         """Begin a new episode."""
         seed = int(self._seeds.integers(2**31))
-        self.examination = Examination(self._task, self._noise, seed, self._opened, self.anatomy)
+        self.examination = Examination(self._setting(), seed, self._opened)
 
     def act(self, action: Any) -> None:
         """Take an action; ValueError or TypeError if there is none such, or the episode is over."""

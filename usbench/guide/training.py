@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from usbench import records
+from usbench.records import Trial
 from usbench.records.journal import read_rows
 from usbench.trials.configuration import resolve
 
@@ -73,10 +74,10 @@ class QuickTraining:
             return now
         ended = self._process.poll() is not None
         rows = read_rows(now.folder / records.EPISODES)
-        state = records.read_state(now.folder)
+        trial = Trial.find(now.folder)
         now = replace(now, step=int(rows[-1]["step"]) if rows else 0)
         # Not when the process ends: before that it draws figures of the trial.
-        if state.get("status") == "finished":
+        if trial is not None and trial.status == "finished":
             now = replace(now, status="finished")
         elif ended:
             lines = self._process.communicate()[1].strip().splitlines()

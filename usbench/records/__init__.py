@@ -3,45 +3,49 @@
 Nothing here imports torch.
 """
 
-from usbench.records.configuration import VOLUME, ConfigurationError, TrialConfig, identity
+from usbench.records.configuration import (
+    MAX_FRAMES,
+    VOLUME,
+    ConfigurationError,
+    TrialConfig,
+    identity,
+)
 from usbench.records.episode import OF_A_PHANTOM, SETTINGS, Episode, Evaluation
 from usbench.records.folder import (
     CHECKPOINTS,
     EPISODES,
     EVALUATIONS,
     MODEL,
-    STATUSES,
     TENSORBOARD,
     TRIAL,
     create,
-    read_state,
     trial_folders,
     unwritable,
-    write_state,
 )
-from usbench.records.trial import load, means
+from usbench.records.trial import Frames, Trial, find_all, load, means
 
 __all__ = [
     "CHECKPOINTS",
     "EPISODES",
     "EVALUATIONS",
+    "MAX_FRAMES",
     "MODEL",
     "OF_A_PHANTOM",
     "SETTINGS",
-    "STATUSES",
     "TENSORBOARD",
     "TRIAL",
     "VOLUME",
     "ConfigurationError",
     "Episode",
     "Evaluation",
+    "Frames",
+    "Trial",
     "TrialConfig",
     "create",
+    "find_all",
     "identity",
     "load",
     "means",
-    "read_state",
     "trial_folders",
     "unwritable",
-    "write_state",
 ]

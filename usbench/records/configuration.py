@@ -4,10 +4,14 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Annotated, Any, ClassVar
+
+from annotated_types import Ge, Le, Lt
 
 # In the configuration of an environment: the file of a custom anatomy. The phantom tells its content.
 VOLUME = "volume"
+# Frames in one observation: as many as an episode has, and more than any trial needs.
+MAX_FRAMES = 64
 
 
 class ConfigurationError(ValueError):
@@ -29,12 +33,15 @@ class TrialConfig:
         environment: The environment's own configuration (id, phantom, probe, imaging), as plain values.
     """
 
+    # How a recorded one is checked: see `Trial`.
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"strict": True, "allow_inf_nan": False}
+
     task: str
     algo: str
-    noise: float
-    seed: int
-    steps: int
-    n_frames: int = 4
+    noise: Annotated[float, Ge(0), Le(1)]
+    seed: Annotated[int, Ge(0), Lt(2**32)]
+    steps: Annotated[int, Ge(0), Lt(2**53)]
+    n_frames: Annotated[int, Ge(1), Le(MAX_FRAMES)] = 4
     hyperparameters: Mapping[str, Any] = field(default_factory=dict)
     environment: Mapping[str, Any] = field(default_factory=dict)
 

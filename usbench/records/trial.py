@@ -1,14 +1,199 @@
-"""Trials read back as tables."""
+"""A trial read back from its folder, checked against one schema, and its episodes as tables."""
 
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 import pandas as pd
+from annotated_types import Ge, Lt
+from pydantic import ConfigDict, Field, StringConstraints, TypeAdapter, ValidationError
+from pydantic.dataclasses import dataclass
 
+from usbench.anchors import Anchors
+from usbench.atomic import atomic_file
 from usbench.records import checksums
-from usbench.records.folder import EPISODES, EVALUATIONS, read_state, trial_folders
+from usbench.records.configuration import ConfigurationError, TrialConfig
+from usbench.records.folder import EPISODES, EVALUATIONS, TRIAL, trial_folders
 from usbench.records.journal import read_rows
+
+SCHEMA = 1
+STRICT = ConfigDict(
+    strict=True, allow_inf_nan=False, extra="ignore", validate_by_name=True, serialize_by_alias=True
+)
+
+Count = Annotated[int, Ge(0), Lt(2**53)]
+Means = Mapping[str, float]
+# None that leads elsewhere.
+RecordFile = Annotated[str, StringConstraints(pattern=r"^(episodes|evaluations)\.jsonl$")]
+
+
+@dataclass(frozen=True, config=STRICT)
+class Frames:
+    """What identifies the frames of a trial: a hash of all of them, and from how many poses they are."""
+
+    digest: str
+    poses: Count = 0
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Trial:
+    """One trial as its `trial.json` tells it; the attributes are the keys of that file unless said otherwise.
+
+    Attributes:
+        folder: Where it is; not in the file.
+        status: How it stands.
+        reason: Why it ended before its end, in a sentence; None if it did not.
+        config: Its configuration.
+        anchors: The exact returns of its setting, from which scores follow.
+        evaluation_points: Training steps at which the agent is evaluated; `checkpoints` in the file.
+        n_evaluation_episodes: Episodes at each of them; `evaluation_episodes` in the file.
+        references: Means over the evaluation episodes of the reference policies "random" and "optimal".
+        timings: Seconds by name, `training_s` and `total_s` among them.
+        frames: What identifies its frames; None before they are prepared.
+        versions: Versions of Python and of packages, by name.
+        platform: The machine in words.
+        started: When it began, in ISO format.
+        checksums: SHA-256 of its record files, by name, once it is finished.
+    """
+
+    folder: Path = Field(exclude=True)
+    status: Literal["running", "interrupted", "failed", "finished"]
+    config: TrialConfig
+    anchors: Anchors
+    reason: str | None = None
+    evaluation_points: tuple[Count, ...] = Field(
+        default=(), validation_alias="checkpoints", serialization_alias="checkpoints"
+    )
+    n_evaluation_episodes: Count = Field(
+        default=0, validation_alias="evaluation_episodes", serialization_alias="evaluation_episodes"
+    )
+    references: Mapping[str, Means] = Field(default_factory=dict)
+    timings: Mapping[str, float] = Field(default_factory=dict)
+    frames: Frames | None = None
+    versions: Mapping[str, str] = Field(default_factory=dict)
+    platform: str = ""
+    started: str = ""
+    checksums: Mapping[RecordFile, str] = Field(default_factory=dict)
+
+    @classmethod
+    def find(cls, folder: Path) -> Trial | None:
+        """Return the trial in `folder`, None if none has begun there.
+
+        Raises:
+            ValueError: If its `trial.json` is damaged, or not one that this version reads.
+        """
+        path = folder / TRIAL
+        try:
+            text = path.read_bytes()
+            content = json.loads(text)
+        except (FileNotFoundError, NotADirectoryError):
+            return None
+        except ValueError as error:
+            raise ValueError(f"{path} is not a trial record: {error}.") from error
+        if not isinstance(content, dict):
+            raise ValueError(
+                f"{path} is not a trial record: it holds {type(content).__name__}, not an object."
+            )
+        if content.get("schema", SCHEMA) != SCHEMA:
+            raise ValueError(f"{path} has schema {content['schema']!r}; this version reads schema {SCHEMA}.")
+        # Trials of earlier versions have none.
+        if content.pop(checksums.KEY, None) not in (None, checksums.of_state(content)):
+            raise checksums.damaged(path)
+        if "config" not in content:  # of a trial that was killed in its first moment
+            return None
+        try:
+            return _ADAPTER.validate_json(json.dumps({**content, "folder": str(folder)}))
+        except ValidationError as error:
+            raise ValueError(f"{path} is not a trial record: {_misfit(error)}.") from None
+
+    @classmethod
+    def read(cls, folder: Path) -> Trial:
+        """Return the trial in `folder`; errors are those of `find`.
+
+        Raises:
+            ConfigurationError: If there is no trial.
+        """
+        trial = cls.find(folder)
+        if trial is None:
+            raise ConfigurationError(f"{str(folder)!r} is not the folder of a trial: no {TRIAL} in it.")
+        return trial
+
+    def write(self) -> None:
+        """Write `trial.json`, whole or not at all."""
+        content = {"schema": SCHEMA, **json.loads(_ADAPTER.dump_json(self, fallback=str))}
+        content[checksums.KEY] = checksums.of_state(content)
+        with atomic_file(self.folder / TRIAL) as file:
+            file.write(json.dumps(content, indent=2, sort_keys=True).encode() + b"\n")
+
+    @property
+    def name(self) -> str:
+        """Name of its folder."""
+        return self.folder.name
+
+    @property
+    def title(self) -> str:
+        """Algorithm, task, noise and seed in words."""
+        config = self.config
+        return f"{config.algo} on {config.task}, noise {config.noise:g}, seed {config.seed}"
+
+    def episodes(self) -> pd.DataFrame:
+        """Return its training episodes, one row each, with their `normalized_score`; empty if there are none.
+
+        Raises:
+            ValueError: If the file is damaged.
+        """
+        return self._table(EPISODES)
+
+    def evaluations(self) -> pd.DataFrame:
+        """Return the episodes of all its evaluations; else as `episodes`."""
+        return self._table(EVALUATIONS)
+
+    def last_evaluation(self, *, deterministic: bool) -> pd.DataFrame:
+        """Return the episodes of the last evaluation, with greedy actions if `deterministic`, else sampled.
+
+        Raises:
+            ValueError: If the trial has no evaluations, or their file is damaged.
+        """
+        rows = self.evaluations()
+        if rows.empty:
+            raise ValueError(f"{self.folder} has no evaluations.")
+        return rows[
+            (rows["checkpoint"] == rows["checkpoint"].max()) & (rows["deterministic"] == deterministic)
+        ]
+
+    def _table(self, name: str) -> pd.DataFrame:
+        if name in self.checksums:
+            checksums.check(self.folder, {name: self.checksums[name]})
+        rows = pd.DataFrame(read_rows(self.folder / name))
+        return rows if rows.empty else rows.assign(normalized_score=self.anchors.score(rows["return"]))
+
+
+_ADAPTER = TypeAdapter(Trial)
+
+
+def _misfit(error: ValidationError) -> str:
+    """Return in words what is wrong first: which part is missing, or cannot be."""
+    first = error.errors(include_url=False, include_context=False)[0]
+    where = ".".join(str(part) for part in first["loc"])
+    if first["type"] == "missing":
+        return f"it has no {where}"
+    return f"its {where} cannot be {first['input']!r:.80} ({first['msg'].lower()})"
+
+
+def find_all(runs: Path) -> list[Trial]:
+    """Return the trials in `runs`, a folder of them or a trial itself; earlier attempts are left out.
+
+    Raises:
+        FileNotFoundError: If there is no such folder.
+        ValueError: If a record is damaged.
+    """
+    if not runs.is_dir():
+        raise FileNotFoundError(f"there is no folder {str(runs)!r} with trials.")
+    return [trial for folder in trial_folders(runs) if (trial := Trial.find(folder)) is not None]
 
 
 def load(
@@ -20,28 +205,19 @@ def load(
     own keys, then `normalized_score`: (return - random) / (optimal - random).
 
     Raises:
-        ValueError: If `table` is unknown or a record is broken.
+        ValueError: If `table` is unknown or a record is damaged.
         FileNotFoundError: If `runs` does not exist.
     """
-    files = {"evaluations": EVALUATIONS, "episodes": EPISODES}
-    if table not in files:
-        raise ValueError(f"table must be one of {', '.join(files)}, not {table!r}.")
-    if not Path(runs).is_dir():
-        raise FileNotFoundError(f"there is no folder {str(runs)!r} with trials.")
+    if table not in ("evaluations", "episodes"):
+        raise ValueError(f"table must be one of evaluations, episodes, not {table!r}.")
     parts = []
-    for folder in trial_folders(Path(runs)):
-        state = read_state(folder)
-        checksums.check(folder, state.get("checksums", {}))
-        rows = pd.DataFrame(read_rows(folder / files[table]))
-        if rows.empty or "config" not in state:
+    for trial in find_all(Path(runs)):
+        rows = trial.evaluations() if table == "evaluations" else trial.episodes()
+        if rows.empty:
             continue
-        trial = {key: state["config"][key] for key in ("task", "noise", "algo", "seed")}
-        for column, value in reversed({"trial": folder.name, **trial, "status": state["status"]}.items()):
+        cell = {key: getattr(trial.config, key) for key in ("task", "noise", "algo", "seed")}
+        for column, value in reversed({"trial": trial.name, **cell, "status": trial.status}.items()):
             rows.insert(0, column, value)
-        anchors = state["anchors"]
-        rows["normalized_score"] = (rows["return"] - anchors["random"]) / (
-            anchors["optimal"] - anchors["random"]
-        )
         parts.append(rows)
     return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame()
 

@@ -13,7 +13,7 @@ from usbench import records, suite
 from usbench.envs.pose import Pose
 from usbench.envs.scene import drawing
 from usbench.figures import state_map
-from usbench.records import ConfigurationError
+from usbench.records import ConfigurationError, Trial
 from usbench.report import pictures
 from usbench.report import poses as report_poses
 from usbench.report.pictures import Picture
@@ -22,7 +22,7 @@ from usbench.report.tables import Table, percent
 from usbench.results import scores
 from usbench.results.scores import SCORED
 from usbench.results.tables import Results
-from usbench.trials import anatomy_record
+from usbench.setting import Setting
 from usbench.watch import film, replay
 from usbench.watch.replay import Moment
 
@@ -112,7 +112,7 @@ def shown(known: Results) -> list[Shown]:
 
 def in_own_anatomy(folder: Path) -> bool:
     """Return whether a trial was made in an anatomy of somebody's own."""
-    return records.VOLUME in records.read_state(folder)["config"]["environment"]
+    return records.VOLUME in Trial.read(folder).config.environment
 
 
 def card(runs: Path, one: Shown, poses: Poses | None) -> Card:
@@ -184,17 +184,8 @@ def _mean(values: npt.NDArray[np.float64]) -> float:
 def play(folder: Path, one: Shown) -> Replay:
     """Return the episode of median return of the trial's last evaluation, with greedy actions."""
     record = replay.typical_episode(folder, deterministic=True)
-    config = records.read_state(folder)["config"]
-    moments = list(
-        replay.play(
-            one.task,
-            one.noise,
-            int(record["eval_episode"]),
-            record["actions"],
-            n_frames=config["n_frames"],
-            anatomy=anatomy_record.recorded(config["environment"]),
-        )
-    )
+    setting = Setting.recorded(Trial.read(folder).config)
+    moments = list(replay.play(setting, int(record["eval_episode"]), record["actions"]))
     moving, still = pictures.from_pages([_page(moment, len(moments) - 1) for moment in moments])
     end = moments[-1]
     return Replay(moving, still, _words(one, moments), film.fixed(end.return_), film.fixed(end.optimum))

@@ -13,6 +13,7 @@ from usbench import suite
 from usbench.envs import oracle
 from usbench.envs.task import Task
 from usbench.figures import state_map, style
+from usbench.setting import Setting
 from usbench.trials import model_loading
 
 Actions = npt.NDArray[np.int64]
@@ -30,7 +31,7 @@ def greedy_actions(trial: Path) -> Actions:
     torch.set_num_threads(1)  # as in training: the bits do not depend on the machine
     loaded = model_loading.load_agent(trial)
     task = suite.TASKS[loaded.config.task].guidance
-    env = suite.make_env(task.name, loaded.config.noise, n_frames=loaded.config.n_frames)
+    env = Setting.recorded(loaded.config).make_env()
     starts = [env.reset(options=asdict(pose)) for pose in task.states]
     env.close()
     seen = (

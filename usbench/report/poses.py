@@ -13,6 +13,7 @@ from usbench.envs.task import Task
 from usbench.figures import look_alikes, state_map
 from usbench.report import pictures
 from usbench.report.pictures import Picture
+from usbench.setting import Setting
 
 PAIRS = 6
 # Correlation with a frame that needs another action, from which on a pose counts as a look-alike.
@@ -58,7 +59,7 @@ def silence(task: str) -> str:
 
 def look(task: str) -> Poses:
     """Return what is seen in the states of a task; frames that are not on disk are simulated."""
-    env = suite.make_env(task).unwrapped
+    env = Setting(task=task).make_env().unwrapped
     assert isinstance(env, GuidanceEnv)
     store = frame_store(env.phantom, env.probe, env.imaging)
     store.prepare(env.task.states)

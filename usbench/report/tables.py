@@ -10,6 +10,7 @@ import pandas as pd
 
 from usbench import records, suite
 from usbench.figures import episode_ends
+from usbench.records import Trial
 from usbench.results import scores
 from usbench.results.scores import SCORED
 from usbench.results.tables import Results
@@ -82,8 +83,8 @@ def environments(runs: Path, known: Results) -> list[Table]:
     """Return phantom, probe and imaging, a table for each configuration of the environment."""
     tables = []
     for (task, _), own in known.trials.groupby(["task", scores.environments(known.trials)]):
-        state = records.read_state(runs / own["trial"].iloc[0])
-        values = state.get("config", {}).get("environment", {})
+        trial = Trial.find(runs / own["trial"].iloc[0])
+        values = {} if trial is None else trial.config.environment
         title = f"{suite.TASKS[str(task)].guidance.title}: environment (SI units where a name says no other)"
         rows = [[name, _value(value)] for name, value in _flat(values)]
         tables.append(Table(title, ["setting", "value"], rows, 2))

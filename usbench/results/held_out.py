@@ -6,19 +6,19 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from usbench import records
+from usbench import records, tasks
+from usbench.anchors import Anchors
 from usbench.atomic import atomic_file
 from usbench.results import scores
 from usbench.results.scores import SCORED
 from usbench.results.tables import DECIMALS, Results
-from usbench.tasks import ROWS
 
 TABLE = "held_out.csv"
 # Of a trial on one phantom: the task on many, and means over its evaluation episodes, greedy actions.
 COLUMNS = ("trial", "task", "episodes", "normalized_score", "return", "success_rate")
 KEYS = ["noise", "task", "agent"]
 # The task with new phantoms in every episode, by the same task on one.
-MANY = {row.single: name for name, row in ROWS.items() if row.single}
+MANY = {row.single: name for name, row in tasks.rows().items() if row.single}
 
 
 def read(folder: Path) -> pd.DataFrame:
@@ -88,11 +88,9 @@ def _rows(parts: dict[str, pd.DataFrame]) -> Iterator[dict[str, object]]:
         yield row | {"gap": row["many"] - row["one"]}  # type: ignore[operator]
 
 
-def summary(
-    trial: str, task: str, evaluations: pd.DataFrame, *, random: float, optimal: float
-) -> dict[str, object]:
+def summary(trial: str, task: str, evaluations: pd.DataFrame, anchors: Anchors) -> dict[str, object]:
     """Return the row of a trial from the evaluation episodes that it played on `task`."""
     means = records.means(evaluations)
-    score = (means["return"] - random) / (optimal - random)
+    score = anchors.score(means["return"])
     row = {"trial": trial, "task": task, "episodes": len(evaluations), "normalized_score": score, **means}
     return {name: row[name] for name in COLUMNS}

@@ -11,7 +11,7 @@ from usbench.atomic import atomic_file
 from usbench.results import held_out, provenance, scores, stats, tables, verdict
 from usbench.results.scores import CELL, ROW, SCORED, cell_name
 from usbench.results.tables import DRAWN, Results
-from usbench.tasks import ROWS
+from usbench.tasks import row_of
 
 SCORES = "scores.csv"
 DASH = "–"
@@ -162,7 +162,7 @@ def _cell(rows: pd.DataFrame) -> str:
                 _interval(row["score"], row["score_low"], row["score_high"]),
                 _interval(other["score"], other["score_low"], other["score_high"]),
                 *(
-                    DASH if name in ROWS[row["task"]].silent else _number(scale * row[name], digits)
+                    DASH if name in row_of(row["task"]).silent else _number(scale * row[name], digits)
                     for _, name, scale, digits in COLUMNS
                 ),
                 DASH if row["fixed"] else _number(row["training_minutes"], 1),

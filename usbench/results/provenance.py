@@ -6,7 +6,7 @@ from collections import defaultdict
 import pandas as pd
 
 from usbench.results.scores import CELL, cell_name, environments
-from usbench.tasks import ROWS
+from usbench.tasks import row_of
 
 NAMED = 3
 STATUS_WORDS = {
@@ -48,7 +48,7 @@ def commands(trials: pd.DataFrame) -> list[str]:
         if seeds != list(range(len(seeds))) or len(own) != len(seeds) * len(noises) * len(steps):
             return []
         options = f"--noise {' '.join(f'{noise:g}' for noise in noises)} --seeds {len(seeds)}"
-        if steps != [ROWS[task].steps]:
+        if steps != [row_of(task).steps]:
             options += f" --steps {steps[0]}"
         tasks_of[algo, options].append(task)
     algos_of: dict[tuple[str, str], list[str]] = defaultdict(list)

@@ -18,8 +18,8 @@ import pandas as pd
 
 from usbench import records
 from usbench.atomic import atomic_file
-from usbench.records import TrialConfig
-from usbench.tasks import ROWS
+from usbench.records import Trial, TrialConfig
+from usbench.tasks import row_of
 
 TRIALS, CURVES = "trials.csv", "curves.csv"
 ORDER = ["task", "noise", "algo", "configuration", "seed"]
@@ -89,14 +89,11 @@ def collect(runs: Path, planned: Collection[TrialConfig] = ()) -> Results:
     """
     if not runs.is_dir():
         raise FileNotFoundError(f"there is no folder {str(runs)!r} with trials.")
-    known = {config.folder_name: {"config": asdict(config)} for config in planned}
-    names = list(known) if planned else [folder.name for folder in records.trial_folders(runs)]
-    states = {name: known.get(name, {}) | records.read_state(runs / name) for name in names}
-    # A trial that was killed in its first moment has an empty record.
-    trials = pd.DataFrame(
-        [_trial(name, state) for name, state in states.items() if "config" in state],
-        columns=list(TRIAL_COLUMNS),
-    )
+    if planned:
+        rows = [_row(config, Trial.find(runs / config.folder_name)) for config in _once(planned)]
+    else:
+        rows = [_row(trial.config, trial) for trial in records.find_all(runs)]
+    trials = pd.DataFrame(rows, columns=list(TRIAL_COLUMNS))
     twice = trials[trials.duplicated(["configuration", "seed"], keep=False)]
     if not twice.empty:
         raise ValueError(f"{' and '.join(twice['trial'].head(2))} are the same trial: remove one of them.")
@@ -183,22 +180,27 @@ def _typed(table: pd.DataFrame, columns: Mapping[str, type]) -> pd.DataFrame:
     return typed.round(DECIMALS)
 
 
-def _trial(name: str, state: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the row of a trial; what an unfinished one cannot know yet is NaN or empty."""
-    config = records.identity(state["config"])
-    anchors, timings = state.get("anchors", {}), state.get("timings", {})
-    versions = state.get("versions", {})
+def _once(planned: Collection[TrialConfig]) -> list[TrialConfig]:
+    return list({config.folder_name: config for config in planned}.values())
+
+
+def _row(config: TrialConfig, trial: Trial | None) -> dict[str, Any]:
+    """Return the row of a trial, None if it has none yet; what cannot be known yet is NaN or empty."""
+    plain = records.identity(asdict(config if trial is None else trial.config))
+    anchors, timings, versions = (
+        ({}, {}, {}) if trial is None else (asdict(trial.anchors), trial.timings, trial.versions)
+    )
     return {
-        "trial": name,
-        **{key: config[key] for key in ("task", "noise", "algo", "seed", "steps")},
-        "configuration": digest({key: value for key, value in config.items() if key != "seed"}),
-        "status": state.get("status", "missing"),
-        "reason": state.get("reason") or "",
-        "settings": _settings(config),
+        "trial": config.folder_name if trial is None else trial.name,
+        **{key: plain[key] for key in ("task", "noise", "algo", "seed", "steps")},
+        "configuration": digest({key: value for key, value in plain.items() if key != "seed"}),
+        "status": "missing" if trial is None else trial.status,
+        "reason": (trial.reason if trial else None) or "",
+        "settings": _settings(plain),
         **{key: anchors.get(key, np.nan) for key in ("optimal", "random", "stay")},
         **{key: timings.get(key, np.nan) for key in ("training_s", "total_s")},
         "versions": ", ".join(f"{package} {versions[package]}" for package in sorted(versions)),
-        "frames": state.get("frames", {}).get("digest", "")[:16],
+        "frames": trial.frames.digest[:16] if trial and trial.frames else "",
     }
 
 
@@ -226,7 +228,7 @@ def _curves(runs: Path, trial: str, task: str, steps: int) -> pd.DataFrame:
     if evaluations.empty or evaluations["checkpoint"].max() != steps:
         raise ValueError(f"{trial} is finished, but its evaluation at step {steps} is missing.")
     kinds = evaluations["deterministic"].map({False: DRAWN, True: GREEDY})
-    longest = ROWS[task].n_steps
+    longest = row_of(task).n_steps
     parts = [_means(evaluations, kinds, evaluations["checkpoint"], evaluations["step"], longest)]
     episodes = records.load(runs / trial, "episodes")
     if not episodes.empty:

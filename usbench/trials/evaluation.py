@@ -12,9 +12,8 @@ import numpy.typing as npt
 import torch
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
-from usbench import suite
-from usbench.envs.anatomy import Anatomy
 from usbench.records import OF_A_PHANTOM, SETTINGS, Evaluation
+from usbench.setting import Setting
 
 # Seed of the actions that a stochastic agent draws in evaluations; the episodes' own seeds are the suite's.
 ACTION_SEED = 20_190_001
@@ -102,17 +101,14 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
 
 
 class Evaluator:
-    """The evaluation episodes of one task and noise, ready to be played by any agent."""
+    """The evaluation episodes of a setting, ready to be played by any agent; the true reward counts."""
 
-    def __init__(self, task: str, noise: float, n_frames: int, anatomy: Anatomy | None = None) -> None:
-        """Make one environment per episode of the suite's list."""
-        self.episodes = suite.evaluation_episodes(task)
+    def __init__(self, setting: Setting) -> None:
+        """Make one environment per episode of the setting's list."""
+        self.episodes = setting.evaluation_episodes()
         self._facts: dict[int, dict[str, Any]] = {}
         self._envs = [
-            Recorder(
-                suite.make_env(task, noise, n_frames=n_frames, anatomy=anatomy),
-                partial(self._facts.__setitem__, number),
-            )
+            Recorder(setting.scored.make_env(), partial(self._facts.__setitem__, number))
             for number in range(len(self.episodes))
         ]
 

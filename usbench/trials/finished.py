@@ -1,13 +1,11 @@
 """Whether a trial is finished, and what it left is still what it wrote."""
 
-import json
 import zipfile
-from dataclasses import asdict
 from pathlib import Path
 
 from usbench import records
 from usbench.agents import zoo
-from usbench.records import TrialConfig, checksums
+from usbench.records import Trial, TrialConfig, checksums
 from usbench.trials.resume_files import Checkpoints
 
 
@@ -20,13 +18,12 @@ def is_finished(config: TrialConfig, out: Path) -> bool:
         ValueError: If its files were damaged; one sentence says which.
     """
     folder = out / config.folder_name
-    state = records.read_state(folder)
-    if state.get("status") != "finished":
+    trial = Trial.find(folder)
+    if trial is None or trial.status != "finished":
         return False
-    own = json.loads(json.dumps(asdict(config), default=str))
-    if records.identity(own) != records.identity(state["config"]):
+    if trial.config.hash != config.hash:
         raise checksums.damaged(folder / records.TRIAL)
-    checksums.check(folder, state.get("checksums", {}))
+    checksums.check(folder, trial.checksums)
     # Agents from outside write what they like.
     if config.algo in zoo.ZOO and not _is_whole_zip(folder / records.MODEL):
         raise checksums.damaged(folder / records.MODEL)

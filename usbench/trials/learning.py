@@ -15,14 +15,11 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.logger import Logger, configure
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from usbench import suite
 from usbench.agents import model_state, zoo
-from usbench.envs import oracle
 from usbench.records import TrialConfig
 from usbench.records.journal import Journal
-from usbench.trials import anatomy_record
+from usbench.setting import Setting
 from usbench.trials.callback import Progress, TrainingWatch
-from usbench.trials.configuration import TRUE_REWARD
 from usbench.trials.evaluation import Evaluator, Recorder
 from usbench.trials.resume_files import Checkpoints
 from usbench.trials.stopwatch import Stopwatch
@@ -30,16 +27,14 @@ from usbench.trials.stopwatch import Stopwatch
 log = logging.getLogger(__name__)
 
 
-def make_agent(
-    config: TrialConfig, algo: str, env: Any, seed: np.random.SeedSequence, hyperparameters: Mapping[str, Any]
-) -> Any:
+def make_agent(setting: Setting, algo: str, env: Any, seed: int, hyperparameters: Mapping[str, Any]) -> Any:
     """Make an agent; the one that sees the state is given the exact plan."""
     # On the CPU even where there is a GPU: same seed, same bits everywhere.
     model_class = zoo.model_class(algo)
     kwargs: dict[str, Any] = {"device": "cpu"} if issubclass(model_class, BaseAlgorithm) else {}
     if getattr(model_class, "sees_state", False):
-        kwargs["policy"] = oracle.Planner(config.task, config.noise)
-    return zoo.make(algo, env, int(seed.generate_state(1)[0]), hyperparameters, **kwargs)
+        kwargs["policy"] = setting.planner()
+    return zoo.make(algo, env, seed, hyperparameters, **kwargs)
 
 
 class Learning:
@@ -53,6 +48,7 @@ class Learning:
     def __init__(
         self,
         config: TrialConfig,
+        setting: Setting,
         *,
         evaluator: Evaluator,
         planned: Sequence[int],
@@ -67,6 +63,7 @@ class Learning:
 
         Args:
             config: Of the trial.
+            setting: What the agent meets, as `config` records it.
             evaluator: What plays the evaluation episodes.
             planned: Steps at which the agent is evaluated.
             score: Turns a mean return into a normalised score.
@@ -91,15 +88,11 @@ class Learning:
             progress=progress,
             boundary=self._keep,
         )
-        reward = config.environment.get("reward", TRUE_REWARD)
-        anatomy = anatomy_record.recorded(config.environment)
-        env = suite.make_env(
-            config.task, config.noise, n_frames=config.n_frames, reward=reward, anatomy=anatomy
-        )
-        self._recorder = Recorder(env, self.watch.on_episode)
+        self._recorder = Recorder(setting.make_env(), self.watch.on_episode)
         vec_env = DummyVecEnv([lambda: self._recorder])
         env_seed, agent_seed, _ = np.random.SeedSequence(config.seed).spawn(3)
-        self.agent = make_agent(config, config.algo, vec_env, agent_seed, config.hyperparameters)
+        seed = int(agent_seed.generate_state(1)[0])
+        self.agent = make_agent(setting, config.algo, vec_env, seed, config.hyperparameters)
         # After the agent was made: SB3 hands its own seed to the environment there.
         vec_env.seed(int(env_seed.generate_state(1)[0]))
         self._made_by = {**machine, "configuration": config.hash, "code": _source(type(self.agent))}

@@ -17,12 +17,13 @@ import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from usbench import records, suite
+from usbench import records
 from usbench.agents import plugins, zoo
-from usbench.envs import oracle
-from usbench.records import ConfigurationError, TrialConfig
-from usbench.trials import anatomy_record, runner
-from usbench.trials.configuration import MAX_FRAMES
+from usbench.agents.hyperparameters import check_seed
+from usbench.records import ConfigurationError, Trial, TrialConfig
+from usbench.setting import Setting
+from usbench.trials.configuration import resolve
+from usbench.trials.learning import make_agent
 
 WEIGHTS = "policy.pth"
 
@@ -63,7 +64,7 @@ def load_agent(path: str | Path, *, algo: str | None = None, task: str | None = 
             f"{str(path)!r} has no {records.TRIAL} beside it: say its algorithm and its task."
         )
     else:
-        config = runner.resolve(algo, task)
+        config = resolve(algo, task)
     agent = _build(config)
     if zoo.entry(config.algo).learns:
         if not isinstance(agent, BaseAlgorithm):
@@ -78,52 +79,33 @@ def _recorded(folder: Path, algo: str | None, task: str | None) -> TrialConfig:
     """Return the configuration in `trial.json`, every value checked: it may come from a stranger too."""
     path = folder / records.TRIAL
     try:
-        recorded = records.read_state(folder)["config"]
-        name, own_task, steps, n_frames = (recorded[key] for key in ("algo", "task", "steps", "n_frames"))
-        for what, own, asked in (("algorithm", name, algo), ("task", own_task, task)):
-            if not isinstance(own, str):
-                raise TypeError(f"its {what} is {own!r}")
+        config = Trial.read(folder).config
+        for what, own, asked in (("algorithm", config.algo, algo), ("task", config.task, task)):
             if asked not in (None, own):
                 raise ConfigurationError(f"{path} records the {what} {own!r}, not {asked!r}.")
-        if name not in zoo.ZOO and name not in plugins.registered() and ":" in name and algo is None:
+        foreign = config.algo not in zoo.ZOO and config.algo not in plugins.registered()
+        if foreign and ":" in config.algo and algo is None:
             raise ConfigurationError(
-                f"{path} names an algorithm of its own, {name!r}, whose code would run: name it too if you "
-                "trust it."
+                f"{path} names an algorithm of its own, {config.algo!r}, whose code would run: name it too "
+                "if you trust it."
             )
-        config = runner.resolve(
-            name,
-            own_task,
-            noise=recorded["noise"],
-            seed=recorded["seed"],
-            steps=steps or None,
-            anatomy=anatomy_record.recorded(recorded["environment"]),
-            overrides=recorded["hyperparameters"],
-        )
+        hyperparameters = zoo.hyperparameters(config.algo, config.task, config.hyperparameters)
+        check_seed(config.seed)
+        return dataclasses.replace(config, hyperparameters=hyperparameters)
     except ConfigurationError:
         raise
     except (ValueError, TypeError, KeyError, AttributeError) as error:
         raise ConfigurationError(f"{path} does not record a trial ({_words(error)}).") from error
-    if type(n_frames) is not int or not 1 <= n_frames <= MAX_FRAMES:
-        raise ConfigurationError(
-            f"n_frames in {path} must be a whole number from 1 to {MAX_FRAMES}, not {n_frames!r}."
-        )
-    return dataclasses.replace(config, n_frames=n_frames)
 
 
 def _build(config: TrialConfig) -> Any:
-    anatomy = anatomy_record.recorded(config.environment)
-    env = DummyVecEnv(
-        [lambda: suite.make_env(config.task, config.noise, n_frames=config.n_frames, anatomy=anatomy)]
-    )
+    setting = Setting.recorded(config)
     hyperparameters = dict(config.hyperparameters)
     # Acting remembers nothing: a replay buffer as large as the file says could fill the memory.
     if "buffer_size" in hyperparameters:
         hyperparameters["buffer_size"] = 1
-    model_class = zoo.model_class(config.algo)
-    kwargs: dict[str, Any] = {"device": "cpu"} if issubclass(model_class, BaseAlgorithm) else {}
-    if getattr(model_class, "sees_state", False):
-        kwargs["policy"] = oracle.Planner(config.task, config.noise)
-    return zoo.make(config.algo, env, config.seed, hyperparameters, **kwargs)
+    env = DummyVecEnv([setting.make_env])
+    return make_agent(setting, config.algo, env, config.seed, hyperparameters)
 
 
 def _load_weights(agent: BaseAlgorithm, file: Path, config: TrialConfig) -> None:

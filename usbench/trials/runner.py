@@ -2,13 +2,11 @@
 
 import contextlib
 import gc
-import hashlib
 import logging
 import platform
-from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
-from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -20,13 +18,11 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 
 from usbench import records, suite
 from usbench.atomic import atomic_path, remove_leftovers
-from usbench.envs.anatomy import Anatomy
-from usbench.envs.frames import frame_store
-from usbench.records import TrialConfig, checksums
+from usbench.records import Trial, TrialConfig, checksums
 from usbench.records.journal import Journal
-from usbench.trials import anatomy_record
+from usbench.setting import Setting
 from usbench.trials.callback import Progress, Silent
-from usbench.trials.configuration import PACKAGES, resolve
+from usbench.trials.configuration import PACKAGES
 from usbench.trials.evaluation import Evaluator
 from usbench.trials.finished import is_finished
 from usbench.trials.glibc_memory import keep_freed
@@ -34,8 +30,6 @@ from usbench.trials.learning import Learning, heard_once, machine, make_agent
 from usbench.trials.lock import locked
 from usbench.trials.resume_files import Checkpoints, interval
 from usbench.trials.stopwatch import Stopwatch
-
-__all__ = ["PACKAGES", "Result", "TrialError", "prepare_frames", "resolve", "run_trial"]
 
 log = logging.getLogger(__name__)
 
@@ -53,30 +47,6 @@ class Result:
 
     folder: Path
     skipped: bool
-
-
-def prepare_frames(
-    task: str, report: Callable[[int, int], None] | None = None, anatomy: Anatomy | None = None
-) -> dict[str, Any]:
-    """Simulate the frames of every pose that the task can reach, unless kept; return what identifies them.
-
-    They are those of the evaluation's phantoms, where training has others.
-    """
-    plain: Any = suite.make_env(task, anatomy=anatomy).unwrapped
-    states = suite.TASKS[task].guidance.states
-    phantoms = suite.evaluation_phantoms(task, anatomy)
-    digests = []
-    for number, phantom in enumerate(phantoms):
-        store = frame_store(phantom, plain.probe, plain.imaging)
-        store.prepare(states, report and partial(_of_all, report, number, len(phantoms)))
-        digests.append(store.digest(states))
-    together = digests[0] if len(digests) == 1 else hashlib.sha256("".join(digests).encode()).hexdigest()
-    return {"digest": together, "poses": len(phantoms) * len(states)}
-
-
-def _of_all(report: Callable[[int, int], None], number: int, count: int, done: int, total: int) -> None:
-    """Report that the phantoms before `number` are done, of `count` of them with `total` frames each."""
-    report(number * total + done, count * total)
 
 
 def run_trial(
@@ -107,59 +77,55 @@ def run_trial(
         # One thread per trial: as fast on frames of this size, and the bits do not depend on the machine.
         torch.set_num_threads(1)
         keep_freed()
-        trial = _Trial(config, out, Checkpoints(folder, seconds), progress or Silent())
-        trial.run(anew=overwrite)
+        running = _Run(config, out, Checkpoints(folder, seconds), progress or Silent())
+        running.run(anew=overwrite)
     # Models and environments hold each other: without this, the memory of a worker grows from trial to trial.
-    del trial
+    del running
     gc.collect()
     return Result(folder, skipped=False)
 
 
-class _Trial:
-    """A trial while it runs: its folder, its models and the state that `trial.json` shows."""
+class _Run:
+    """A trial while it runs: its folder, its models and the record that `trial.json` shows."""
 
     def __init__(self, config: TrialConfig, out: Path, checkpoints: Checkpoints, progress: Progress) -> None:
         self.config, self.out, self.folder = config, out, out / config.folder_name
         self.checkpoints, self.progress = checkpoints, progress
-        self.anatomy = anatomy_record.recorded(config.environment)
-        if suite.TASKS[config.task].guidance.reward_from_frames:
-            prepare_frames(config.task, self.progress.frames)  # before the anchors need them, in silence
-        self.anchors = suite.anchors(config.task, config.noise, self.anatomy)
+        self.setting = Setting.recorded(config)
+        if self.setting.guidance.reward_from_frames:
+            self.setting.prepare_frames(progress.frames)  # before the anchors need them, in silence
         self.agent: Any = None
         self.stopwatch = Stopwatch()
-        self.state: dict[str, Any] = {
-            "status": "running",
-            "reason": None,
-            "config": asdict(config),
-            "anchors": asdict(self.anchors),
-            "checkpoints": suite.checkpoints(config.task, config.steps),
-            "evaluation_episodes": len(suite.evaluation_episodes(config.task)),
-            "versions": {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
-            "platform": platform.platform(),
-            "started": datetime.now(UTC).isoformat(timespec="seconds"),
-        }
-
-    def score(self, mean_return: float) -> float:
-        """Return the normalised score: 0 is a random hand, 1 is perfect."""
-        return (mean_return - self.anchors.random) / (self.anchors.optimal - self.anchors.random)
+        self.trial = Trial(
+            folder=self.folder,
+            status="running",
+            config=config,
+            anchors=self.setting.anchors(),
+            evaluation_points=suite.evaluation_points(config.task, config.steps),
+            n_evaluation_episodes=len(self.setting.evaluation_episodes()),
+            versions={"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
+            platform=platform.platform(),
+            started=datetime.now(UTC).isoformat(timespec="seconds"),
+        )
 
     def run(self, *, anew: bool) -> None:
         """Do everything, and leave the true status behind whatever happens."""
         goes_on = not anew and bool(self.checkpoints.paths())
         remove_leftovers(self.folder)
-        if goes_on:
-            self.state["started"] = records.read_state(self.folder).get("started", self.state["started"])
-        else:
-            self._create()
+        before = Trial.find(self.folder)
+        if not goes_on:
+            self._create(before)
+        elif before is not None:
+            self.trial = replace(self.trial, started=before.started)
         try:
             self._write()
             with self.stopwatch.timed("total_s"):
                 self._frames()
                 self._train_and_evaluate(goes_on)
-                self.state["references"] = {name: self._reference(algo) for name, algo in REFERENCES.items()}
+                self._write(references={name: self._reference(algo) for name, algo in REFERENCES.items()})
             self._save_model()
-            self.state["checksums"] = checksums.of(self.folder, (records.EPISODES, records.EVALUATIONS))
-            self._write("finished")
+            files = checksums.of(self.folder, (records.EPISODES, records.EVALUATIONS))
+            self._write(status="finished", checksums=files)
         except KeyboardInterrupt:
             self._give_up("interrupted", "stopped by the user")
             raise
@@ -169,19 +135,19 @@ class _Trial:
             raise TrialError(f"the trial in {str(self.folder)!r} failed: {reason}") from error
         self.checkpoints.clear()
 
-    def _create(self) -> None:
-        if records.read_state(self.folder).get("status", "finished") != "finished":
+    def _create(self, before: Trial | None) -> None:
+        if before is not None and before.status != "finished":
             log.warning("no checkpoint of the trial %s is of use: it starts from step 0", self.folder.name)
         records.create(self.out, self.config)
 
     def _frames(self) -> None:
         with self.stopwatch.timed("frames_s"):
-            self.state["frames"] = prepare_frames(self.config.task, self.progress.frames, self.anatomy)
-        self._write()
+            frames = self.setting.prepare_frames(self.progress.frames)
+        self._write(frames=frames)
 
     def _train_and_evaluate(self, goes_on: bool) -> None:
-        """Train for exactly the budget; every episode and every checkpoint goes into the journals."""
-        self.evaluator = Evaluator(self.config.task, self.config.noise, self.config.n_frames, self.anatomy)
+        """Train for exactly the budget; every episode and every evaluation goes into the journals."""
+        self.evaluator = Evaluator(self.setting)
         for path, checkpoint in self.checkpoints.read() if goes_on else ():
             with self._journals() as journals:
                 learning = self._learning(journals)
@@ -194,7 +160,7 @@ class _Trial:
                 self._learn(learning)
                 return
         if goes_on:
-            self._create()
+            self._create(Trial.find(self.folder))
             self._write()
         with self._journals() as journals:
             self._learn(self._learning(journals))
@@ -210,15 +176,22 @@ class _Trial:
     def _learning(self, journals: tuple[Journal, Journal]) -> Learning:
         return Learning(
             self.config,
+            self.setting,
             evaluator=self.evaluator,
-            planned=self.state["checkpoints"],
-            score=self.score,
+            planned=self.trial.evaluation_points,
+            score=self.trial.anchors.score,
             progress=self.progress,
             journals=journals,
             checkpoints=self.checkpoints,
             stopwatch=self.stopwatch,
-            machine={"versions": self.state["versions"], "frames": self.state["frames"], **machine()},
+            machine=self._machine(),
         )
+
+    def _machine(self) -> dict[str, Any]:
+        """Return what must be the same for the bits to be the same, as plain data."""
+        assert self.trial.frames is not None
+        frames = asdict(self.trial.frames)
+        return {"versions": dict(self.trial.versions), "frames": frames, **machine()}
 
     def _learn(self, learning: Learning) -> None:
         self.agent, watch = learning.agent, learning.watch
@@ -231,10 +204,9 @@ class _Trial:
         self.stopwatch.add({"evaluation_s": watch.seconds})
 
     def _reference(self, algo: str) -> dict[str, float]:
-        """Play the evaluation episodes with an agent that does not learn; return the means."""
-        env = suite.make_env(self.config.task, self.config.noise, anatomy=self.anatomy)
-        seed = np.random.SeedSequence(0)
-        agent = make_agent(self.config, algo, DummyVecEnv([lambda: env]), seed, {})
+        """Play the evaluation episodes with a reference policy; return the means."""
+        seed = int(np.random.SeedSequence(0).generate_state(1)[0])
+        agent = make_agent(self.setting, algo, DummyVecEnv([self.setting.make_env]), seed, {})
         played = self.evaluator.play(agent, checkpoint=0, step=0, deterministic=False)
         return records.means(pd.DataFrame([episode.as_row() for episode in played]))
 
@@ -246,13 +218,12 @@ class _Trial:
 
     def _give_up(self, status: str, reason: str) -> None:
         """Keep what there is; a full disk must not hide why the trial ended."""
-        self.state["reason"] = reason
         with contextlib.suppress(OSError):
-            self._write(status)
+            self._write(status=status, reason=reason)
         with contextlib.suppress(OSError):
             if self.agent is not None:
                 self._save_model()
 
-    def _write(self, status: str = "running") -> None:
-        self.state |= {"status": status, "timings": self.stopwatch.seconds()}
-        records.write_state(self.folder, self.state)
+    def _write(self, **news: Any) -> None:
+        self.trial = replace(self.trial, timings=self.stopwatch.seconds(), **news)
+        self.trial.write()

@@ -3,30 +3,20 @@
 from collections.abc import Mapping
 from typing import Any
 
-from usbench import suite
-from usbench.envs import oracle
-from usbench.envs.anatomy import Anatomy
+from usbench.setting import Setting
 
 
-def optimum(
-    task: str,
-    noise: float,
-    seed: int,
-    options: Mapping[str, int] | None = None,
-    anatomy: Anatomy | None = None,
-) -> tuple[float, ...]:
+def optimum(setting: Setting, seed: int, options: Mapping[str, int] | None = None) -> tuple[float, ...]:
     """Return the return of the best policy that knows the pose, after 0, 1, .. steps to the task's last.
 
     Args:
-        task: Name of the task.
-        noise: Probability of a slip after each action.
+        setting: Task, noise and what is examined.
         seed: Of the episode: the same start and the same slips.
         options: Start pose, as `reset` takes it; by default `seed` draws it.
-        anatomy: One's own, in place of the task's phantom.
     """
-    env: Any = suite.make_env(task, noise, n_frames=1, anatomy=anatomy)
+    env: Any = setting.make_env()
     _, info = env.reset(seed=seed, options=None if options is None else dict(options))
-    plan = oracle.policy(task, noise, target=env.unwrapped.target)
+    plan = setting.plan(env.unwrapped.target)
     returns, over = [0.0], False
     while not over:
         pose = plan.task.pose(info)

@@ -12,10 +12,10 @@ import numpy.typing as npt
 import pandas as pd
 
 from usbench import records, suite
-from usbench.envs.anatomy import Anatomy
 from usbench.envs.pose import Pose
+from usbench.records import Trial
 from usbench.records.journal import read_rows
-from usbench.trials import anatomy_record
+from usbench.setting import Setting
 from usbench.watch import episode, film
 
 if TYPE_CHECKING:  # asking an agent takes torch
@@ -78,21 +78,14 @@ def typical_episode(folder: Path, *, deterministic: bool = False) -> dict[str, A
 
 
 def play(
-    task: str,
-    noise: float,
-    eval_episode: int,
-    actions: Sequence[int],
-    *,
-    n_frames: int = 4,
-    anatomy: Anatomy | None = None,
-    adviser: Adviser | None = None,
+    setting: Setting, eval_episode: int, actions: Sequence[int], *, adviser: Adviser | None = None
 ) -> Iterator[Moment]:
     """Yield what is seen at the start and after every recorded action."""
-    planned = suite.evaluation_episodes(task)[eval_episode]
-    names, guidance = action_names(task), suite.TASKS[task].guidance
-    env = suite.make_env(task, noise, n_frames=n_frames, anatomy=anatomy, render_mode="rgb_array")
+    planned = setting.evaluation_episodes()[eval_episode]
+    names, guidance = action_names(setting.task), setting.guidance
+    env = setting.scored.make_env(render_mode="rgb_array")
     observation, info = env.reset(seed=planned.seed, options=planned.options)
-    optima = episode.optimum(task, noise, planned.seed, planned.options, anatomy)
+    optima = episode.optimum(setting.scored, planned.seed, planned.options)
     total, reward, name = 0.0, 0.0, "start"
     for step in range(len(actions) + 1):
         if step:
@@ -123,16 +116,10 @@ def action_names(task: str) -> list[str]:
 
 def write_gif(folder: Path) -> Path:
     """Write `replay.gif` of the trial's typical evaluation episode into its folder and return the path."""
-    config = records.read_state(folder)["config"]
+    setting = Setting.recorded(Trial.read(folder).config)
     record = typical_episode(folder)
-    moments = play(
-        config["task"],
-        config["noise"],
-        int(record["eval_episode"]),
-        record["actions"],
-        anatomy=anatomy_record.recorded(config["environment"]),
-    )
+    moments = play(setting, int(record["eval_episode"]), record["actions"])
     path = folder / REPLAY
-    names = action_names(config["task"])
+    names = action_names(setting.task)
     film.write(path, [film.page(moment, len(record["actions"]), names) for moment in moments])
     return path

@@ -12,7 +12,7 @@ from usbench.envs.probe import DEFAULT_ARRAY
 from usbench.envs.settings import Setup
 from usbench.envs.tasks.random_phantoms import PhantomDistribution, RandomPhantomEnv, phantom_number
 from usbench.records import ConfigurationError
-from usbench.tasks import PAPER, ROWS
+from usbench.tasks import PAPER, row_of, rows
 
 # As far as the simulator focuses; a focus below the phantom is allowed, as on a scanner.
 DEEPEST_MM = 500
@@ -61,7 +61,7 @@ def label(task: str | None, number: Any = None) -> str:
     """Return what a phantom is called, "" where it is that of the paper's tasks."""
     if task is None or task in PAPER:
         return ""
-    return f"{task}-{number or 0}" if ROWS[task].phantoms else task
+    return f"{task}-{number or 0}" if row_of(task).phantoms else task
 
 
 def phantom_of(task: str | None, number: Any = None) -> Phantom:
@@ -71,14 +71,14 @@ def phantom_of(task: str | None, number: Any = None) -> Phantom:
         ConfigurationError: If there is no such task or number, or the task has one phantom alone.
     """
     try:
-        if task is not None and task not in ROWS:
-            raise unknown("task", task, ROWS)
-        environment: Any = load_env_creator(ROWS[task or PAPER[0]].entry_point)
+        if task is not None and task not in rows():
+            raise unknown("task", task, rows())
+        environment: Any = load_env_creator(row_of(task or PAPER[0]).entry_point)
         if issubclass(environment, RandomPhantomEnv):
             phantoms: PhantomDistribution = environment.distribution
             return phantoms.phantom(phantom_number(0 if number is None else number))
         if number is not None:
-            many = " and ".join(name for name, row in ROWS.items() if row.phantoms)
+            many = " and ".join(name for name, row in rows().items() if row.phantoms)
             raise ValueError(f"--number is for {many}: every other task has one phantom.")
         return environment.default_phantom  # type: ignore[no-any-return]
     except (TypeError, ValueError) as error:

@@ -16,13 +16,12 @@ from rich.live import Live
 from rich.style import Style
 from rich.text import Text
 
-from usbench import records
 from usbench.envs.scene import picture
 from usbench.envs.scene.drawing import BACKGROUND
 from usbench.envs.settings import in_words
 from usbench.figures import style as drawing
-from usbench.records import ConfigurationError
-from usbench.trials import anatomy_record
+from usbench.records import ConfigurationError, Trial, TrialConfig
+from usbench.setting import Setting
 from usbench.trials.model_loading import load_agent
 from usbench.watch import film, replay
 from usbench.watch.advice import Adviser
@@ -47,7 +46,7 @@ class Watched:
         silence: Why it cannot.
     """
 
-    config: dict[str, Any]
+    config: TrialConfig
     episodes: list[dict[str, Any]]
     kind: str
     adviser: Adviser | None
@@ -61,9 +60,7 @@ def choose(folder: Path, numbers: Sequence[Any] = (), *, drawn: bool = False) ->
         ConfigurationError: If `folder` is no trial with evaluations, or has no such episode.
     """
     try:
-        state = records.read_state(folder)
-        if "config" not in state:
-            raise ValueError(f"{str(folder)!r} is not the folder of a trial: no {records.TRIAL} in it.")
+        config = Trial.read(folder).config
         rows = replay.last_evaluations(folder, deterministic=not drawn)
         typical = replay.typical_episode(folder, deterministic=not drawn)
     except ValueError as error:
@@ -77,9 +74,9 @@ def choose(folder: Path, numbers: Sequence[Any] = (), *, drawn: bool = False) ->
     episodes = [by_number[number] for number in numbers] or [typical]
     kind = "drawn" if drawn else "greedy"
     try:
-        return Watched(state["config"], episodes, kind, Adviser(load_agent(folder).agent), "")
+        return Watched(config, episodes, kind, Adviser(load_agent(folder).agent), "")
     except ConfigurationError as error:
-        return Watched(state["config"], episodes, kind, None, str(error))
+        return Watched(config, episodes, kind, None, str(error))
 
 
 def check_file(out: Path) -> Path:
@@ -91,14 +88,14 @@ def title(watched: Watched, episode: dict[str, Any]) -> str:
     """Return which episode this is, in words."""
     config = watched.config
     return (
-        f"{config['algo']} on {config['task']}, noise {config['noise']:g}, seed {config['seed']}: evaluation "
+        f"{config.algo} on {config.task}, noise {config.noise:g}, seed {config.seed}: evaluation "
         f"episode {episode['eval_episode']} at step {episode['checkpoint']}, {watched.kind} actions"
     )
 
 
 def write(watched: Watched, out: Path) -> None:
     """Write the episodes one after the other to `out`, .gif, .webp or .mp4."""
-    names = replay.action_names(watched.config["task"])
+    names = replay.action_names(watched.config.task)
     film.write(
         out,
         [
@@ -117,7 +114,7 @@ def show(watched: Watched, console: Console | None = None) -> None:
             _live(watched, episode, console)
         else:
             print(title(watched, episode))
-            print(table(_moments(watched, episode), replay.action_names(watched.config["task"])))
+            print(table(_moments(watched, episode), replay.action_names(watched.config.task)))
 
 
 def table(moments: Iterator[Moment], names: Sequence[str]) -> str:
@@ -209,7 +206,7 @@ def blocks(image: npt.NDArray[np.uint8], *, colored: bool) -> Text:
 
 
 def _live(watched: Watched, episode: dict[str, Any], console: Console) -> None:
-    names = replay.action_names(watched.config["task"])
+    names = replay.action_names(watched.config.task)
     console.print(title(watched, episode), highlight=False)
     with Live(console=console, auto_refresh=False) as live:
         for moment in _moments(watched, episode):
@@ -221,12 +218,5 @@ def _moments(watched: Watched, episode: dict[str, Any]) -> Iterator[Moment]:
     config, adviser = watched.config, watched.adviser
     if adviser is not None:
         adviser.begin()
-    return replay.play(
-        config["task"],
-        config["noise"],
-        int(episode["eval_episode"]),
-        episode["actions"],
-        n_frames=config["n_frames"],
-        anatomy=anatomy_record.recorded(config["environment"]),
-        adviser=adviser,
-    )
+    setting = Setting.recorded(config)
+    return replay.play(setting, int(episode["eval_episode"]), episode["actions"], adviser=adviser)

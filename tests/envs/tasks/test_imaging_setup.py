@@ -26,6 +26,7 @@ from usbench.envs.tasks.imaging_setup import (
 )
 from usbench.records import ConfigurationError
 from usbench.trials import runner
+from usbench.trials.configuration import resolve
 
 ENV_ID = "usbench/ImagingSetup-v0"
 
@@ -186,13 +187,13 @@ def test_there_is_one_kind_of_reward(kind):
     with pytest.raises(
         ConfigurationError, match=f"task 'setup' has the reward 'normalized' alone, not '{kind}'"
     ):
-        runner.resolve("vpg", "setup", reward=kind)
+        resolve("vpg", "setup", reward=kind)
 
 
 def test_a_trial_records_the_tissue():
-    phantom = runner.resolve("vpg", "setup").environment["phantom"]
+    phantom = resolve("vpg", "setup").environment["phantom"]
     assert phantom["attenuation_db_per_cm_mhz"] == 0.5 and phantom["object_of_interest"]["contrast"] == 0
-    assert "attenuation_db_per_cm_mhz" not in runner.resolve("vpg", "pp").environment["phantom"]
+    assert "attenuation_db_per_cm_mhz" not in resolve("vpg", "pp").environment["phantom"]
 
 
 def test_states_are_all_that_the_knobs_can_reach():
@@ -282,7 +283,7 @@ def test_every_knob_has_its_best_setting_in_between():
 
 @pytest.mark.slow
 def test_an_agent_learns_it(tmp_path):
-    config = runner.resolve("dqn", "setup", steps=4_096)
+    config = resolve("dqn", "setup", steps=4_096)
     trial = runner.run_trial(config, tmp_path).folder
     from usbench import records
 

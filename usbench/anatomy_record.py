@@ -1,15 +1,12 @@
 """A user's own anatomy: from the words of a command to the phantom, into the records of a trial, and back."""
 
-import argparse
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, fields
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from usbench.checks import unknown
-from usbench.cli.arguments import number, setting
 from usbench.envs.anatomy import Anatomy, Echogenicity, Placement, Recording
 from usbench.envs.pose import Pose
 from usbench.envs.task import COORDINATES
@@ -20,22 +17,7 @@ TARGET = {f"target_{name}": name for name in COORDINATES}
 PLACEMENT = tuple(field.name for field in fields(Placement))
 
 
-def asked(words: Sequence[str], *, looking: bool = False) -> Anatomy | None:
-    """Return the anatomy of the option --phantom, None without it; errors are those of `read`."""
-    if not words:
-        return None
-    path, *settings = words
-    try:
-        pairs = [setting(text) for text in settings]
-    except argparse.ArgumentTypeError as error:
-        raise ConfigurationError(f"--phantom takes FILE NAME=VALUE ..: {error}.") from error
-    for name, count in Counter(name for name, _ in pairs).items():
-        if count > 1:
-            raise ConfigurationError(f"--phantom takes {name} once, not {count} times.")
-    return read(Path(path), dict(pairs), looking=looking)
-
-
-def read(path: Path, settings: Mapping[str, str], *, looking: bool = False) -> Anatomy:
+def read(path: Path, settings: Mapping[str, Any], *, looking: bool = False) -> Anatomy:
     """Return the anatomy in a file.
 
     Args:
@@ -47,7 +29,7 @@ def read(path: Path, settings: Mapping[str, str], *, looking: bool = False) -> A
     Raises:
         ConfigurationError: If anything is not allowed; one sentence says what is.
     """
-    given: dict[str, Any] = {name: number(text) for name, text in settings.items()}
+    given: dict[str, Any] = dict(settings)
     try:
         kind = given.pop("frames", "simulated")
         if kind not in KINDS:

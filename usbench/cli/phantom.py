@@ -1,0 +1,45 @@
+"""The option `--phantom`: a custom anatomy from the words of a command."""
+
+import argparse
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from usbench.cli.arguments import number, setting
+
+if TYPE_CHECKING:
+    from usbench.envs.anatomy import Anatomy
+
+
+def add(parser: argparse.ArgumentParser, target: str = "") -> None:
+    """Add the option for an anatomy of one's own, with what is to be known of its target."""
+    parser.add_argument(
+        "--phantom",
+        nargs="+",
+        default=[],
+        metavar=("FILE", "NAME=VALUE"),
+        help="a 3-D image (.nii, .mha, .nrrd) in place of the phantom, needs usbench[anatomy]: "
+        "frames=simulated (default) or recorded, lateral=x, down=z, center_x_mm, center_y_mm, skin_mm, seed, "
+        "density_per_mm3, dynamic_range_db, attenuation_db_per_cm_mhz"
+        f"{'; ' if target else ''}{target}",
+    )
+
+
+def asked(words: Sequence[str], *, looking: bool = False) -> "Anatomy | None":
+    """Return the anatomy of the option --phantom, None without it; errors are those of `read`."""
+    from usbench import anatomy_record
+    from usbench.records import ConfigurationError
+
+    if not words:
+        return None
+    path, *settings = words
+    try:
+        pairs = [setting(text) for text in settings]
+    except argparse.ArgumentTypeError as error:
+        raise ConfigurationError(f"--phantom takes FILE NAME=VALUE ..: {error}.") from error
+    for name, count in Counter(name for name, _ in pairs).items():
+        if count > 1:
+            raise ConfigurationError(f"--phantom takes {name} once, not {count} times.")
+    values = {name: number(value) for name, value in pairs}
+    return anatomy_record.read(Path(path), values, looking=looking)

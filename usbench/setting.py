@@ -1,0 +1,242 @@
+"""What an agent meets: a task with its noise, what is examined with which probe, and what the agent sees."""
+
+from __future__ import annotations
+
+import hashlib
+from collections import defaultdict
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from typing import Any, TypeVar
+
+import gymnasium as gym
+import numpy as np
+
+from usbench import anatomy_record, suite
+from usbench.anchors import Anchors
+from usbench.checks import probability, unknown, whole_number
+from usbench.envs import oracle
+from usbench.envs.anatomy import Anatomy
+from usbench.envs.bmode import DEFAULT_IMAGING, Imaging
+from usbench.envs.frames import frame_store
+from usbench.envs.pose import Pose
+from usbench.envs.probe import DEFAULT_ARRAY, LinearArray
+from usbench.envs.task import IMAGE, Task, check_reward
+from usbench.envs.tasks.random_phantoms import FIRST_HELD_OUT
+from usbench.envs.tissue import Tissue
+from usbench.envs.wrappers import ImageStack, NormalizeImage
+from usbench.records import MAX_FRAMES, ConfigurationError, Frames, TrialConfig
+
+TRUE_REWARD = "normalized"
+TRAINED_ON = (TRUE_REWARD, IMAGE)
+Report = Callable[[int, int], None]
+T = TypeVar("T")
+# Fields of phantom and probe that are younger than trials which are kept: left out of records where they change
+# nothing, so that a trial has the name that it always had.
+LATER = {"attenuation_db_per_cm_mhz": 0.0, "slice_thickness": 10e-3}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Setting:
+    """What an agent meets in training and evaluation; every value is checked.
+
+    Attributes:
+        task: Name of the task.
+        noise: Probability of a slip after each action.
+        n_frames: Frames in one observation.
+        reward: What the agent is trained on; scores are always those of the true reward.
+        anatomy: A custom anatomy in place of the task's phantom; None for the task's own.
+        probe: The transducer.
+        imaging: How RF becomes a frame.
+
+    Raises:
+        ConfigurationError: If a value is not allowed; one sentence says which.
+    """
+
+    task: str
+    noise: float = 0.0
+    n_frames: int = 4
+    reward: str = TRUE_REWARD
+    anatomy: Anatomy | None = None
+    probe: LinearArray = DEFAULT_ARRAY
+    imaging: Imaging = DEFAULT_IMAGING
+
+    def __post_init__(self) -> None:
+        """Hold the values in their own types, or refuse them."""
+        try:
+            if self.task not in suite.TASKS:
+                raise unknown("task", self.task, suite.TASKS)
+            object.__setattr__(self, "noise", probability("noise", self.noise))
+            object.__setattr__(self, "n_frames", whole_number("n_frames", self.n_frames, 1, MAX_FRAMES))
+            check_reward(self.reward, self.guidance, TRAINED_ON)
+            if self.anatomy is not None:
+                self._check_anatomy(self.anatomy)
+            self.plain_env()
+        except (TypeError, ValueError) as error:
+            raise ConfigurationError(str(error)) from error
+
+    @classmethod
+    def recorded(cls, config: TrialConfig) -> Setting:
+        """Return the setting that a trial has recorded.
+
+        The file of a custom anatomy is read when a frame is made that is not kept.
+
+        Raises:
+            ConfigurationError: If the record cannot be one.
+        """
+        environment = config.environment
+        try:
+            return cls(
+                task=config.task,
+                noise=config.noise,
+                n_frames=config.n_frames,
+                reward=environment.get("reward", TRUE_REWARD),
+                anatomy=anatomy_record.recorded(environment),
+                probe=_recorded(LinearArray, environment, "probe"),
+                imaging=_recorded(Imaging, environment, "imaging"),
+            )
+        except ConfigurationError:
+            raise
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
+            raise ConfigurationError(f"the trial's environment cannot be one ({error}).") from error
+
+    def record(self) -> dict[str, Any]:
+        """Return the environment as plain values, as a trial records it."""
+        plain = self.plain_env()
+        scene = {name: _plain_values(getattr(plain, name)) for name in plain.scene}
+        own = {} if self.anatomy is None else anatomy_record.plain(self.anatomy)
+        reward = {} if self.reward == TRUE_REWARD else {"reward": self.reward}
+        return {"id": self.row.env_id, **scene, **own, **reward}
+
+    @property
+    def row(self) -> suite.Task:
+        """The task's row of the table."""
+        return suite.TASKS[self.task]
+
+    @property
+    def guidance(self) -> Task:
+        """The task as its environment sets it: actions, starts, noise and reward."""
+        return self.row.guidance
+
+    def evaluation_episodes(self) -> tuple[suite.EvaluationEpisode, ...]:
+        """Return the fixed list of episodes with which every agent is evaluated."""
+        return suite.evaluation_episodes(self.task)
+
+    def evaluation_phantoms(self) -> tuple[Tissue, ...]:
+        """Return the phantoms of the evaluation, the custom anatomy if there is one."""
+        plain = self.plain_env()
+        numbers = range(FIRST_HELD_OUT, FIRST_HELD_OUT + self.row.phantoms)
+        return tuple(plain.phantoms.phantom(number) for number in numbers) or (plain.phantom,)
+
+    def make_env(self, *, render_mode: str | None = None) -> gym.Env[Any, Any]:
+        """Make the environment that every algorithm sees, with stacked frames and normalised pixels."""
+        return NormalizeImage(ImageStack(self._registered(render_mode), self.n_frames))
+
+    def plain_env(self) -> Any:
+        """Make the environment itself, without a limit of its steps and without wrappers."""
+        return self._registered().unwrapped
+
+    def _registered(self, render_mode: str | None = None) -> gym.Env[Any, Any]:
+        own: dict[str, Any] = {} if self.anatomy is None else {"phantom": self.anatomy}
+        return gym.make(
+            self.row.env_id,
+            noise=self.noise,
+            reward=self.reward,
+            probe=self.probe,
+            imaging=self.imaging,
+            render_mode=render_mode,
+            **own,
+        )
+
+    def anchors(self) -> Anchors:
+        """Return the exact expected returns of an evaluation episode.
+
+        They are the mean over the evaluation list of what each episode's phantom and start promise. Where
+        every start is in the list and there is one phantom, that is the mean over the starts.
+        """
+        phantoms, starts = self.evaluation_phantoms(), defaultdict(list)
+        if not self.row.phantoms and not self.row.drawn_starts:
+            return oracle.returns(self.guidance, self.noise, target=phantoms[0].target)
+        for episode in self.evaluation_episodes():
+            starts[phantoms[episode.phantom_place].target].append(episode.start)
+        found = [
+            asdict(oracle.returns(self.guidance, self.noise, target=target, starts=tuple(own)))
+            for target, own in starts.items()
+        ]
+        weights = [len(own) for own in starts.values()]
+        return Anchors(
+            **{name: float(np.average([one[name] for one in found], weights=weights)) for name in found[0]}
+        )
+
+    def plan(self, target: Pose) -> oracle.Policy:
+        """Return the best policy that knows the pose of the probe and the pose that shows the object best."""
+        return oracle.policy(self.guidance, self.noise, target=target)
+
+    def planner(self) -> oracle.Planner:
+        """Return the best policies for all targets that there may be."""
+        return oracle.Planner(self.guidance, self.noise)
+
+    def prepare_frames(self, report: Report | None = None) -> Frames:
+        """Simulate the frames of every pose that the task can reach, unless kept; return their digest.
+
+        They are those of the evaluation's phantoms, where training has others.
+        """
+        states, phantoms = self.guidance.states, self.evaluation_phantoms()
+        digests = []
+        for number, phantom in enumerate(phantoms):
+            store = frame_store(phantom, self.probe, self.imaging)
+            store.prepare(states, report and partial(_of_all, report, number, len(phantoms)))
+            digests.append(store.digest(states))
+        one = digests[0] if len(digests) == 1 else hashlib.sha256("".join(digests).encode()).hexdigest()
+        return Frames(one, len(phantoms) * len(states))
+
+    @property
+    def scored(self) -> Setting:
+        """The same setting with the true reward, by which every agent is judged."""
+        return replace(self, reward=TRUE_REWARD)
+
+    def _check_anatomy(self, anatomy: Anatomy) -> None:
+        """Raise ValueError if the task draws its phantoms, or none of its poses is the anatomy's goal."""
+        if self.row.phantoms:
+            allowed = [
+                name
+                for name, row in suite.TASKS.items()
+                if not (row.phantoms or row.guidance.reward_from_frames)
+                and (anatomy.has_focus or not row.guidance.moves_focus)
+            ]
+            raise ValueError(
+                f"the task {self.task!r} draws its phantoms and takes no custom anatomy: allowed are "
+                f"{', '.join(map(repr, allowed))}."
+            )
+        task, target = self.plain_env().task, anatomy.target
+        if not any(task.is_success(pose, target) for pose in task.states):
+            nearest = max(task.states, key=lambda pose: task.reward(pose, target, TRUE_REWARD))
+            raise ValueError(
+                f"the target must be a pose that the task {self.task!r} reaches, as the nearest, {nearest}, "
+                f"not {target}."
+            )
+
+
+def make_env(task: str, *, render_mode: str | None = None, **setting: Any) -> gym.Env[Any, Any]:
+    """Make the environment that every algorithm sees; `setting` holds other attributes of a `Setting`.
+
+    Raises:
+        ConfigurationError: If a value is not allowed; one sentence says which.
+    """
+    return Setting(task=task, **setting).make_env(render_mode=render_mode)
+
+
+def _plain_values(part: Any) -> dict[str, Any]:
+    """Return a part of the scene as plain values."""
+    values = asdict(part)
+    return {name: value for name, value in values.items() if name not in LATER or value != LATER[name]}
+
+
+def _recorded(cls: Callable[..., T], environment: Mapping[str, Any], name: str) -> T:
+    """Return a part of the scene as recorded, its default where a trial has recorded none."""
+    return cls(**environment.get(name, {}))
+
+
+def _of_all(report: Report, number: int, count: int, done: int, total: int) -> None:
+    """Report that the phantoms before `number` are done, of `count` of them with `total` frames each."""
+    report(number * total + done, count * total)
