@@ -98,7 +98,10 @@ def test_optimum_is_the_plans_value_at_the_start():
 
 
 def test_score_is_0_for_a_random_hand_and_1_for_the_optimum():
-    examination, anchors = Examination(Setting(task="pp", noise=0.25), 0), oracle.returns("pp", 0.25)
+    examination, anchors = (
+        Examination(Setting(task="pp", noise=0.25), 0),
+        Setting(task="pp", noise=0.25).anchors(),
+    )
     assert examination.score(anchors.random) == 0
     assert examination.score(anchors.optimal) == 1
 

@@ -102,7 +102,7 @@ def test_evaluating_changes_no_bit_of_training_and_same_seed_gives_the_same(
     trials, algo, quick, tmp_path, monkeypatch
 ):
     monkeypatch.setattr(callback.TrainingWatch, "evaluate_due", lambda *_: None)
-    monkeypatch.setattr(runner._Trial, "_reference", lambda *_: {})
+    monkeypatch.setattr(runner._Run, "_reference", lambda *_: {})
     folder, _ = train(algo, tmp_path, monkeypatch)
     assert records.load(folder).empty
     episodes = [(one / records.EPISODES).read_bytes() for one in (folder, trials[algo][0])]

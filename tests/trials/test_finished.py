@@ -12,6 +12,7 @@ from state_files import read_state, write_state
 
 from usbench import cli, records
 from usbench.compare import sweep
+from usbench.records import Trial
 from usbench.trials import runner
 from usbench.trials.configuration import resolve
 from usbench.trials.finished import is_finished
@@ -103,14 +104,14 @@ def test_trial_without_its_record_is_run_again_and_has_the_same_bits(finished):
 
 def test_every_changed_digit_of_a_record_is_noticed(finished):
     path = finished / records.TRIAL
-    text, state = path.read_text(), read_state(finished)
+    text, trial = path.read_text(), Trial.read(finished)
     digits = [place for place, letter in enumerate(text) if letter.isdigit()]
     assert len(digits) > 300  # times, versions, anchors and settings among them
     for place in digits:
         path.write_text(text[:place] + str((int(text[place]) + 1) % 10) + text[place + 1 :])
         try:
             # The seventeenth digit of a number may say nothing.
-            assert read_state(finished) == state, place
+            assert Trial.read(finished) == trial, place
         except ValueError as refused:
             assert str(refused).startswith(str(path))
     path.write_text(text)
@@ -192,9 +193,9 @@ def test_checkpoints_that_a_kill_left_beside_a_finished_trial_are_removed(finish
 def test_names_in_a_record_lead_nowhere_else(finished, name):
     write_state(finished, read_state(finished) | {"checksums": {name: "0" * 64}})
     for read in (
-        lambda: read_state(finished),
+        lambda: Trial.read(finished),
         lambda: records.load(finished),
         lambda: is_finished(config(), finished.parent),
     ):
-        with pytest.raises(ValueError, match="no checksums, or one that cannot be"):
+        with pytest.raises(ValueError, match="its checksums.* cannot be"):
             read()

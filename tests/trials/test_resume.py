@@ -39,7 +39,7 @@ def test_killed_again_and_again_while_it_ends(undisturbed, often, tmp_path, monk
                 go_on(folder)
     for where in ("_reference", "_save_model"):
         with monkeypatch.context() as patch:
-            patch.setattr(runner._Trial, where, killing)
+            patch.setattr(runner._Run, where, killing)
             with pytest.raises(Killed):
                 go_on(folder)
     # After the last step: nothing is trained again.
@@ -62,7 +62,7 @@ def test_killed_while_it_ends_after_a_rollout_that_the_budget_cut_off(
     undisturbed, often, tmp_path, monkeypatch
 ):
     with monkeypatch.context() as patch:
-        patch.setattr(runner._Trial, "_reference", killing)
+        patch.setattr(runner._Run, "_reference", killing)
         with pytest.raises(Killed):
             runner.run_trial(trials.config("dqn"), tmp_path)
     folder = tmp_path / trials.config("dqn").folder_name
@@ -99,7 +99,7 @@ def test_time_before_the_kill_counts(often, tmp_path, monkeypatch):
 def test_trial_killed_before_its_first_episode_leaves_nothing(undisturbed, quick, tmp_path, monkeypatch):
     for where in ("_frames", "_learning"):
         with monkeypatch.context() as patch:
-            patch.setattr(runner._Trial, where, killing)
+            patch.setattr(runner._Run, where, killing)
             with pytest.raises(Killed):
                 runner.run_trial(trials.config("vpg"), tmp_path)
     folder = tmp_path / trials.config("vpg").folder_name

@@ -166,8 +166,7 @@ class Trial:
         ]
 
     def _table(self, name: str) -> pd.DataFrame:
-        if name in self.checksums:
-            checksums.check(self.folder, {name: self.checksums[name]})
+        checksums.check(self.folder, self.checksums)
         rows = pd.DataFrame(read_rows(self.folder / name))
         return rows if rows.empty else rows.assign(normalized_score=self.anchors.score(rows["return"]))
 
