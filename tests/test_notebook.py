@@ -25,7 +25,7 @@ def test_code_runs_from_the_committed_records(quick, monkeypatch, tmp_path):
         names["plt"].close("all")
     assert not names["scores"].empty and names["scores"]["normalized_score"].between(-1, 1.2).all()
     assert set(names["evaluations"]["algo"]) == {"random"}
-    assert names["state"]["status"] == "finished"
+    assert names["state"].status == "finished"
 
 
 @pytest.mark.parametrize("cell", cells("code"))
