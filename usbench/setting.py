@@ -31,8 +31,8 @@ TRUE_REWARD = "normalized"
 TRAINED_ON = (TRUE_REWARD, IMAGE)
 Report = Callable[[int, int], None]
 T = TypeVar("T")
-# Fields of phantom and probe that are younger than trials which are kept: left out of records where they change
-# nothing, so that a trial has the name that it always had.
+# Fields of phantom and probe that are younger than trials which are kept: records leave them out where they
+# change nothing, so that a trial has the name that it always had.
 LATER = {"attenuation_db_per_cm_mhz": 0.0, "slice_thickness": 10e-3}
 
 
