@@ -124,6 +124,15 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
             info["true_reward"] = self.task.reward(pose, self.target, REWARDS[0]) * times
         return self._observation(), reward, stopped, False, info
 
+    def state_rewards(self) -> npt.NDArray[np.float64]:
+        """Return the reward of being in every state of the task, (n_states,), as this environment gives it.
+
+        Where frames tell it, they are those of this phantom, probe and imaging, made at once and kept.
+        """
+        if self.task.reward_from_frames or self.reward == IMAGE:
+            self._store.prepare(self.task.states)
+        return np.array([self._reward(pose) for pose in self.task.states], dtype=np.float64)
+
     def render(self) -> npt.NDArray[np.uint8] | None:
         """Return the scene beside the frame, (height, width, 3) uint8 RGB, if render_mode is "rgb_array"."""
         if self.render_mode is None:
@@ -155,10 +164,14 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
     def _observation(self) -> npt.NDArray[np.uint8]:
         return self._frame(self.pose)[:, :, np.newaxis].copy()
 
-    def _frame(self, pose: Pose) -> npt.NDArray[np.uint8]:
+    @property
+    def _store(self) -> FrameStore:
         if self._frames is None:
             self._frames = frame_store(self.phantom, self.probe, self.imaging)
-        return self._frames.frame(pose)
+        return self._frames
+
+    def _frame(self, pose: Pose) -> npt.NDArray[np.uint8]:
+        return self._store.frame(pose)
 
     def _reward(self, pose: Pose) -> float:
         if self.reward == IMAGE:

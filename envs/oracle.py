@@ -1,9 +1,10 @@
-"""The exact optimum of a task and the returns of random and idle hands, by dynamic programming over poses."""
+"""The exact optimum of a task and the returns of a random and an idle agent, by dynamic programming."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import lru_cache
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
 from typing import Any
 
 import gymnasium as gym
@@ -12,12 +13,67 @@ import numpy.typing as npt
 from gymnasium.envs.registration import load_env_creator
 
 from usbench.anchors import Anchors
-from usbench.checks import probability, unknown
+from usbench.checks import number, probability, unknown
 from usbench.envs.guidance import GuidanceEnv
 from usbench.envs.pose import Move, Pose
 from usbench.envs.task import REWARDS, Task, check_reward
 
 PAPER_TARGET = Pose(0, 50, 0)
+
+
+@dataclass(frozen=True)
+class DecisionProcess:
+    """A task as a Markov decision process: all that its optimum follows from.
+
+    Attributes:
+        task: States, actions and displacements.
+        noise: Probability of a displacement after each action.
+        reward: "normalized" or "paper".
+        target: The pose that shows the object best; the default is that of the paper's phantom.
+        rewards: Of being in every state of the task, (n_states,), in place of those that follow from `reward`
+            and `target`: an environment whose rewards come from frames knows them, see
+            `GuidanceEnv.state_rewards`.
+    """
+
+    task: Task
+    noise: float = 0.0
+    reward: str = "normalized"
+    target: Pose = PAPER_TARGET
+    rewards: tuple[float, ...] | None = None
+
+    def __post_init__(self) -> None:
+        """Hold the values as plain ones, or refuse them."""
+        object.__setattr__(self, "noise", probability("noise", self.noise))
+        if self.rewards is None:
+            check_reward(self.reward, self.task, REWARDS)
+            return
+        rewards = tuple(number("a reward", reward) for reward in self.rewards)
+        if len(rewards) != len(self.task.states):
+            raise ValueError(
+                f"the task {self.task.name!r} needs {len(self.task.states)} rewards, one of each of its "
+                f"states, not {len(rewards)}."
+            )
+        object.__setattr__(self, "rewards", rewards)
+
+    def returns(self, starts: tuple[Pose, ...] | None = None) -> Anchors:
+        """Return the expected returns of the optimum, of random actions and of staying.
+
+        `starts` are where episodes begin, each as often as the others; default: the task's.
+        """
+        return _returns(self, starts or self.task.starts)
+
+    def policy(self) -> Policy:
+        """Return the optimal policy."""
+        return _policy(self)
+
+    @cached_property
+    def state_rewards(self) -> npt.NDArray[np.float64]:
+        """The reward of being in every state, (n_states,)."""
+        if self.rewards is not None:
+            return np.array(self.rewards)
+        if self.task.reward_from_frames:
+            return _rewards_from_frames(self.task)
+        return _rewards_from_poses(self.task, self.reward, self.target)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,21 +128,21 @@ class Policy:
 class Planner:
     """The best policies for every phantom that there may be; a plan is made when its phantom is met first."""
 
-    def __init__(self, task: str | Task, noise: float = 0.0) -> None:
-        """Nothing is planned yet; arguments and errors are those of `returns`."""
-        self._task, self._noise = _task(task), probability("noise", noise)
+    def __init__(self, process: DecisionProcess) -> None:
+        """Nothing is planned yet; other targets take the place of the process's own."""
+        self._process = process
         self._policies: dict[Pose, Policy] = {}
 
     @property
     def coordinates(self) -> tuple[str, ...]:
         """Names of the coordinates that `action` takes, in their order."""
-        return self._task.coordinates
+        return self._process.task.coordinates
 
     def action(self, step: int, pose: tuple[int, ...], target: tuple[int, ...] | None = None) -> int:
-        """Return the best action after `step` steps at `pose`; `target` is the paper's unless given."""
-        goal = PAPER_TARGET if target is None else Pose(*target)
+        """Return the best action after `step` steps at `pose`; `target` is the process's unless given."""
+        goal = self._process.target if target is None else Pose(*target)
         if goal not in self._policies:
-            self._policies[goal] = policy(self._task, self._noise, target=goal)
+            self._policies[goal] = replace(self._process, target=goal).policy()
         return self._policies[goal].action(step, pose)
 
 
@@ -95,6 +151,8 @@ def returns(
     noise: float = 0.0,
     reward: str = "normalized",
     target: Pose = PAPER_TARGET,
+    *,
+    rewards: Sequence[float] | None = None,
     starts: tuple[Pose, ...] | None = None,
 ) -> Anchors:
     """Return the expected returns of the optimal policy, of random actions and of staying.
@@ -104,47 +162,53 @@ def returns(
         noise: Probability of a displacement after each action.
         reward: "normalized" or "paper".
         target: The pose that shows the object best; the default is that of the paper's phantom.
+        rewards: Of every state of the task, (n_states,), in place of `reward` and `target`: those of
+            `GuidanceEnv.state_rewards`, where frames tell them.
         starts: Where episodes begin; default: the task's starts, each as often as the others.
 
     Raises:
         TypeError: If `noise` is not a number.
-        ValueError: If `task` or `reward` is unknown or `noise` outside [0, 1].
+        ValueError: If `task` or `reward` is unknown, `noise` outside [0, 1], or the number of rewards wrong.
     """
-    task = _task(task)
-    return _returns(task, probability("noise", noise), _kind(task, reward), target, starts or task.starts)
+    return DecisionProcess(_task(task), noise, reward, target, _plain(rewards)).returns(starts)
 
 
 def policy(
-    task: str | Task, noise: float = 0.0, reward: str = "normalized", target: Pose = PAPER_TARGET
+    task: str | Task,
+    noise: float = 0.0,
+    reward: str = "normalized",
+    target: Pose = PAPER_TARGET,
+    *,
+    rewards: Sequence[float] | None = None,
 ) -> Policy:
     """Return the optimal policy; arguments and errors are those of `returns`."""
-    task = _task(task)
-    return _policy(task, probability("noise", noise), _kind(task, reward), target)
+    return DecisionProcess(_task(task), noise, reward, target, _plain(rewards)).policy()
 
 
-def _kind(task: Task, reward: str) -> str:
-    """Return the kind of reward, if `task` has it and poses tell it."""
-    return check_reward(reward, task, REWARDS)
+def _plain(rewards: Sequence[float] | None) -> tuple[float, ...] | None:
+    return None if rewards is None else tuple(rewards)
 
 
 @lru_cache(maxsize=256)
-def _returns(task: Task, noise: float, reward: str, target: Pose, poses: tuple[Pose, ...]) -> Anchors:
+def _returns(process: DecisionProcess, poses: tuple[Pose, ...]) -> Anchors:
+    task = process.task
     starts = [task.indices[pose] for pose in poses]
     stay = [action.move for action in task.actions].index(Move())
     uniform = np.full(len(task.actions), 1 / len(task.actions))
     idle = np.eye(len(task.actions))[stay]
-    optimal = _policy(task, noise, reward, target).values[0]
-    random, staying = (_values(task, noise, reward, target, weights) for weights in (uniform, idle))
+    optimal = _policy(process).values[0]
+    random, staying = (_values(process, weights) for weights in (uniform, idle))
     return Anchors(*(float(values[starts].mean()) for values in (optimal, random, staying)))
 
 
 @lru_cache(maxsize=256)
-def _policy(task: Task, noise: float, reward: str, target: Pose) -> Policy:
+def _policy(process: DecisionProcess) -> Policy:
     """Backward induction: Q_t(s, a) = r(s') + E[V_t+1(s' displaced)], with s' the pose after a in s."""
+    task = process.task
     costs = np.zeros((task.n_steps, len(task.states), len(task.actions)))
     values = np.zeros((task.n_steps + 1, len(task.states)))
     for step in reversed(range(task.n_steps)):
-        q = _action_values(task, noise, reward, target, values[step + 1], task.n_steps - step)
+        q = _action_values(process, values[step + 1], task.n_steps - step)
         values[step] = q.max(axis=1)
         best = values[step][:, np.newaxis]
         # Rounding must not decide between equally good actions, or the bits differ between machines.
@@ -155,33 +219,39 @@ def _policy(task: Task, noise: float, reward: str, target: Pose) -> Policy:
     return Policy(task, actions, costs, values)
 
 
-def _values(
-    task: Task, noise: float, reward: str, target: Pose, weights: npt.NDArray[np.float64]
-) -> npt.NDArray[np.float64]:
+def _values(process: DecisionProcess, weights: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """Return the expected return from every state, (n_states,), where action a has probability weights[a]."""
-    values = np.zeros(len(task.states))
-    for steps_left in range(1, task.n_steps + 1):
-        values = _action_values(task, noise, reward, target, values, steps_left) @ weights
+    values = np.zeros(len(process.task.states))
+    for steps_left in range(1, process.task.n_steps + 1):
+        values = _action_values(process, values, steps_left) @ weights
     return values
 
 
 def _action_values(
-    task: Task, noise: float, reward: str, target: Pose, values: npt.NDArray[np.float64], steps_left: int
+    process: DecisionProcess, values: npt.NDArray[np.float64], steps_left: int
 ) -> npt.NDArray[np.float64]:
     """Return reward plus expected value after the noise, (n_states, n_actions), from `values` one step on."""
-    following, displaced = _transitions(task)
-    rewards = _rewards(task, reward, target)
+    following, displaced = _transitions(process.task)
+    rewards, noise = process.state_rewards, process.noise
     expected = (1 - noise) * values + noise * values[displaced].mean(axis=1)
     q = np.asarray(rewards + expected, dtype=np.float64)[following]
-    if task.stops:
+    if process.task.stops:
         q[:, -1] = rewards * steps_left
     return q
 
 
 @lru_cache(maxsize=16)
-def _rewards(task: Task, reward: str, target: Pose) -> npt.NDArray[np.float64]:
-    """Return the reward of being in every state, (n_states,)."""
+def _rewards_from_poses(task: Task, reward: str, target: Pose) -> npt.NDArray[np.float64]:
     return np.array([task.reward(pose, target, reward) for pose in task.states], dtype=np.float64)
+
+
+@lru_cache(maxsize=16)
+def _rewards_from_frames(task: Task) -> npt.NDArray[np.float64]:
+    """Return the rewards in the task's own environment, as it is made by default."""
+    known = _environments()
+    if task.name not in known:
+        raise ValueError(f"the task {task.name!r} has its rewards from frames: pass them as `rewards`.")
+    return known[task.name]().state_rewards()
 
 
 @lru_cache(maxsize=16)
@@ -199,18 +269,16 @@ def _transitions(task: Task) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]
 def _task(task: str | Task) -> Task:
     if isinstance(task, Task):
         return task
-    known = _tasks()
+    known = _environments()
     if not isinstance(task, str) or task not in known:
         raise unknown("task", task, tuple(known))
-    return known[task]
+    return known[task].task
 
 
-def _tasks() -> dict[str, Task]:
-    """Return the tasks of the environments that are registered here, by name."""
+def _environments() -> dict[str, type[GuidanceEnv]]:
+    """Return the environments that are registered here, by the name of their task."""
     specs = [spec for spec in gym.registry.values() if spec.namespace == "usbench"]
     classes: list[Any] = [
         load_env_creator(spec.entry_point) for spec in specs if isinstance(spec.entry_point, str)
     ]
-    return {
-        cls.task.name: cls.task for cls in classes if isinstance(cls, type) and issubclass(cls, GuidanceEnv)
-    }
+    return {cls.task.name: cls for cls in classes if isinstance(cls, type) and issubclass(cls, GuidanceEnv)}

@@ -10,7 +10,7 @@ from usbench.checks import unknown
 from usbench.envs.pose import LIMITS, Limits, Move, Pose, coordinates
 
 REWARDS = ("normalized", "paper")
-# Computed from the frame alone: see `likeness.py`.
+# Computed from the frame alone: see `image_reward.py`.
 IMAGE = "image"
 COORDINATES = coordinates(Pose())
 
@@ -34,14 +34,15 @@ class Task:
         starts: Poses from which an episode starts, one of them uniformly.
         displacements: What noise does to the probe, one of them uniformly.
         states: All poses that can be reached from the starts.
-        reward: (pose, target, kind) -> reward of being at `pose`; `kind` is one of `REWARDS`.
+        reward: (pose, target, kind) -> reward of being at `pose`, `kind` one of `REWARDS`; a pure function.
         is_success: (pose, target) -> whether an episode that ends at `pose` succeeded.
         distance_mm: (pose, target) -> what is left to go, in mm.
         n_steps: Length of an episode.
         limits: Where the probe can be.
         stops: Whether the last action ends the episode; it earns the pose's reward for every step left.
         rewards: Kinds of reward that there are.
-        reward_from_frames: Whether the true reward is computed from frames, of all states.
+        reward_from_frames: Whether reward and success follow from frames: its environment computes them, and
+            `reward` and `is_success` raise.
     """
 
     name: str

@@ -76,7 +76,13 @@ def test_anchors_of_many_phantoms_are_means_over_the_episodes_of_the_list():
 @pytest.mark.parametrize("name", FULL)
 def test_the_oracle_earns_the_anchors_optimum_on_the_whole_list(name, quick, monkeypatch):
     monkeypatch.setattr(suite, "TASKS", FULL)
-    agent = zoo.make("oracle", make_env(name), 0, {}, policy=oracle.Planner(name))
+    agent = zoo.make(
+        "oracle",
+        make_env(name),
+        0,
+        {},
+        policy=Setting(task=name).planner(),
+    )
     played = Evaluator(Setting(task=name, noise=0.0, n_frames=4)).play(
         agent, checkpoint=0, step=0, deterministic=True
     )
@@ -88,7 +94,7 @@ def test_the_oracle_earns_the_anchors_optimum_on_the_whole_list(name, quick, mon
 
 
 def test_the_planner_knows_where_each_phantoms_object_is():
-    planner = oracle.Planner("pp")
+    planner = oracle.Planner(oracle.DecisionProcess(PROBE_PLANE))
     assert planner.action(0, (0, 50, 0)) == 0
     assert planner.action(0, (0, 50, 0), (10, 45, 0)) == 2
     assert planner.action(0, (10, 50, 0), (10, 45, 30)) == 4

@@ -156,25 +156,29 @@ class Setting:
         """
         phantoms, starts = self.evaluation_phantoms(), defaultdict(list)
         if not self.row.phantoms and not self.row.drawn_starts:
-            return oracle.returns(self.guidance, self.noise, target=phantoms[0].target)
+            return self.process(phantoms[0].target).returns()
         for episode in self.evaluation_episodes():
             starts[phantoms[episode.phantom_place].target].append(episode.start)
-        found = [
-            asdict(oracle.returns(self.guidance, self.noise, target=target, starts=tuple(own)))
-            for target, own in starts.items()
-        ]
+        found = [asdict(self.process(target).returns(tuple(own))) for target, own in starts.items()]
         weights = [len(own) for own in starts.values()]
         return Anchors(
             **{name: float(np.average([one[name] for one in found], weights=weights)) for name in found[0]}
         )
 
+    def process(self, target: Pose = oracle.PAPER_TARGET) -> oracle.DecisionProcess:
+        """Return the task as a Markov decision process; rewards from frames are those of this setting."""
+        rewards = None
+        if self.guidance.reward_from_frames:
+            rewards = tuple(self.scored.plain_env().state_rewards().tolist())
+        return oracle.DecisionProcess(self.guidance, self.noise, target=target, rewards=rewards)
+
     def plan(self, target: Pose) -> oracle.Policy:
         """Return the best policy that knows the pose of the probe and the pose that shows the object best."""
-        return oracle.policy(self.guidance, self.noise, target=target)
+        return self.process(target).policy()
 
     def planner(self) -> oracle.Planner:
         """Return the best policies for all targets that there may be."""
-        return oracle.Planner(self.guidance, self.noise)
+        return oracle.Planner(self.process())
 
     def prepare_frames(self, report: Report | None = None) -> Frames:
         """Simulate the frames of every pose that the task can reach, unless kept; return their digest.

@@ -7,17 +7,15 @@ reward knows where the cyst is.
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import numpy.typing as npt
 
 from usbench.envs.bmode import Imaging
-from usbench.envs.frames import frame_store
 from usbench.envs.guidance import GuidanceEnv
 from usbench.envs.phantom import ObjectOfInterest, Phantom
 from usbench.envs.pose import Limits, Move, Pose, cos_deg, sin_deg
-from usbench.envs.probe import LinearArray
 from usbench.envs.settings import Setup
 from usbench.envs.task import Action, Task
 
@@ -63,17 +61,14 @@ def regions(phantom: Phantom, pose: Pose, imaging: Imaging) -> tuple[Mask, Mask]
     return inside, inside.any(axis=1, keepdims=True) & ~inside
 
 
-def reward(pose: Pose, target: Pose, kind: str) -> float:
-    """Return the quality of the frame of the task's own phantom; frames of all settings are made at once."""
-    array, imaging = LinearArray(), Imaging()
-    store = frame_store(PHANTOM, array, imaging)
-    store.prepare(_STATES)
-    return contrast_to_noise(store.frame(pose), *regions(PHANTOM, pose, imaging))
+def reward(pose: Pose, target: Pose, kind: str) -> NoReturn:
+    """Raise TypeError: the reward follows from frames, see `ImagingSetupEnv.state_rewards`."""
+    raise TypeError("the reward of the task 'setup' follows from frames: ask its environment for it.")
 
 
-def is_success(pose: Pose, target: Pose) -> bool:
-    """Return whether the frame of the task's own phantom is good."""
-    return reward(pose, target, "normalized") >= GOOD
+def is_success(pose: Pose, target: Pose) -> NoReturn:
+    """Raise TypeError: success follows from frames."""
+    raise TypeError("success in the task 'setup' follows from frames: ask its environment for it.")
 
 
 def distance_mm(pose: Pose, target: Pose) -> float:

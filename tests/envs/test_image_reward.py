@@ -80,6 +80,17 @@ def test_the_optimum_is_not_known_for_it_and_other_kinds_are_refused():
         ProbePlaneEnv(reward="images")
 
 
+def test_the_optimum_is_known_where_the_environment_tells_the_rewards(coded, view, monkeypatch):
+    monkeypatch.setattr("coded.CodedFrames.prepare", lambda self, poses: None, raising=False)
+    env = ProbePlaneEnv(reward="image")
+    best = policy("pp", rewards=env.state_rewards())
+    env.reset(seed=3)
+    start, earned = env.pose, 0.0
+    for step in range(16):
+        earned += env.step(best.action(step, env.pose))[1]
+    assert earned == pytest.approx(best.value(0, start))
+
+
 def test_an_image_that_ends_above_the_object_has_no_standard_view():
     with pytest.raises(ValueError, match="the image must be at least 50 mm deep, .* not 40 mm"):
         ProbePlaneEnv(reward="image", imaging=Imaging(height_px=40))

@@ -34,11 +34,10 @@ def speed_up(monkeypatch):
     from usbench.envs import oracle
 
     frames = DrawnFrames()
-    for name in ("_returns", "_policy", "_rewards"):  # which may be of the simulator's frames
+    for name in ("_returns", "_policy", "_rewards_from_frames"):  # which may be of the simulator's frames
         plain = getattr(oracle, name).__wrapped__
         monkeypatch.setattr(oracle, name, functools.lru_cache(maxsize=256)(plain))
     monkeypatch.setattr("usbench.envs.guidance.frame_store", lambda *_: frames)
-    monkeypatch.setattr("usbench.envs.tasks.imaging_setup.frame_store", lambda *_: frames)
     monkeypatch.setattr("usbench.setting.frame_store", lambda *_: frames)
     monkeypatch.setattr("usbench.trials.tensorboard.frame_store", lambda *_: frames)
     if suite.TASKS["pp"].checkpoints != QUICK_CHECKPOINTS:  # fixtures may ask for it within each other

@@ -91,7 +91,7 @@ class Examination:
         return (inspect.getdoc(type(self._env.unwrapped)) or "").partition("\n")[0]
 
     def score(self, return_: float) -> float:
-        """Return the normalised score of an episode's return: 0 is a random hand, 1 the mean optimum."""
+        """Return the normalised score of an episode's return: 0 is a random agent, 1 the mean optimum."""
         anchors = oracle.returns(self.guidance, self.setting.noise, target=self.phantom.target)
         return anchors.score(return_)
 

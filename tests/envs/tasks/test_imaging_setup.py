@@ -9,13 +9,10 @@ from brute_force import TARGET, expectimax
 from gymnasium.utils.env_checker import check_env
 
 from usbench.envs.bmode import Imaging
-from usbench.envs.frames import frame_store
 from usbench.envs.oracle import policy, returns
 from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Limits, Move, Pose
-from usbench.envs.probe import LinearArray
 from usbench.envs.settings import Setup
-from usbench.envs.tasks import imaging_setup
 from usbench.envs.tasks.imaging_setup import (
     GOOD,
     IMAGING_SETUP,
@@ -47,8 +44,7 @@ class GreyFrames:
 
 @pytest.fixture
 def grey(monkeypatch):
-    for module in ("guidance", "tasks.imaging_setup"):
-        monkeypatch.setattr(f"usbench.envs.{module}.frame_store", lambda *_: GreyFrames())
+    monkeypatch.setattr("usbench.envs.guidance.frame_store", lambda *_: GreyFrames())
 
 
 @pytest.fixture
@@ -223,15 +219,15 @@ def test_anchors_agree_with_brute_force(noise, n_steps):
         IMAGING_SETUP, states=corner, starts=corner[::3], limits=limits, n_steps=n_steps,
         reward=lambda pose, target, kind: values[pose],
     )  # fmt: skip
-    found = returns(small, noise)
+    found = returns(small, noise, rewards=[values[state] for state in corner])
     for anchor, choose in ((found.optimal, max), (found.random, np.mean), (found.stay, lambda q: q[0])):
         expected = np.mean([expectimax(small, pose, n_steps, noise, choose) for pose in small.starts])
         assert anchor == pytest.approx(expected, abs=1e-12)
 
 
 def test_the_oracle_earns_its_value_in_the_environment(task):
-    best = policy(task)
     env = ImagingSetupEnv()
+    best = policy(task, rewards=env.state_rewards())
     for start in task.starts[::41]:
         _, info = env.reset(options=dataclasses.asdict(start))
         earned = 0.0
@@ -259,12 +255,36 @@ def test_a_phantom_of_ones_own_is_judged_by_its_own_frames(monkeypatch):
     assert ImagingSetupEnv().phantom == PHANTOM
 
 
+def test_rewards_of_all_states_are_those_of_the_environments_own_frames(grey):
+    env, own = ImagingSetupEnv(), ImagingSetupEnv(imaging=Imaging(width_px=38, height_px=88))
+    monkey = env.state_rewards()
+    for state in IMAGING_SETUP.states[::37]:
+        env.reset(options=dataclasses.asdict(state))
+        assert env.step(0)[1] == monkey[IMAGING_SETUP.indices[state]]
+    with pytest.raises(TypeError, match="ask its environment"):
+        IMAGING_SETUP.reward(Pose(), TARGET, "normalized")
+    with pytest.raises(ValueError, match="needs 192 rewards, one of each of its states, not 3"):
+        returns("setup", rewards=[0.0, 1.0, 2.0])
+    assert own.observation_space.shape == (88, 38, 1)
+
+
+def test_the_anchors_of_another_phantom_are_its_own(monkeypatch):
+    """They once were those of the task's own phantom, whatever was examined."""
+
+    class Brighter(GreyFrames):
+        def frame(self, pose):
+            return np.clip(1.5 * super().frame(pose), 0, 255).astype(np.uint8)
+
+    stores = {PHANTOM: GreyFrames(), Phantom(seed=7): Brighter()}
+    monkeypatch.setattr("usbench.envs.guidance.frame_store", lambda phantom, *_: stores[phantom])
+    usual, other = ImagingSetupEnv(), ImagingSetupEnv(phantom=Phantom(seed=7))
+    found = [returns("setup", rewards=env.state_rewards()) for env in (usual, other)]
+    assert found[0] != found[1]
+
+
 def qualities():
     """Quality of the simulator's frames of all settings, (6 depths, 4 frequencies, 8 ranges)."""
-    store = frame_store(PHANTOM, LinearArray(), Imaging())
-    store.prepare(IMAGING_SETUP.states)
-    found = [imaging_setup.reward(state, TARGET, "normalized") for state in IMAGING_SETUP.states]
-    return np.array(found).reshape(4, 6, 8)
+    return ImagingSetupEnv().state_rewards().reshape(4, 6, 8)
 
 
 @pytest.mark.slow
