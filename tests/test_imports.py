@@ -13,7 +13,7 @@ PHYSICS = ("pose", "phantom", "probe", "rf", "bmode", "scanner", "frames")
 # Pure readers of records; the terminal's part of it is imported by the command line alone.
 READERS = (
     "usbench.records", "usbench.figures.learning_curve", "usbench.figures.comparison",
-    "usbench.results.leaderboard", "usbench.watch.replay",
+    "usbench.results.leaderboard", "usbench.watch.replay", "usbench.watch.terminal",
     "usbench.report.page", "usbench.cli.console", "usbench.cli",
 )  # fmt: skip
 LEARNING = {"gymnasium", "torch", "stable_baselines3"}
@@ -80,6 +80,20 @@ def test_agents_meet_environments_only_through_gymnasium(path):
 @pytest.mark.parametrize("path", sorted((ROOT / "envs").rglob("*.py")), ids=lambda path: path.stem)
 def test_environments_import_only_environments(path):
     assert not foreign(path, "usbench.envs", *GROUND)
+
+
+# Modules of watch that ask agents, which takes torch.
+ASKING = ("usbench.watch.advice", "usbench.watch.selection")
+READING = ("anchors", "atomic", "checks", "records", "tasks", "setting", "suite", "envs")
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "usbench/watch").glob("*.py")), ids=lambda path: path.stem)
+def test_watch_imports_trials_and_figures_and_only_what_asks_agents_imports_torch(path):
+    own = ("usbench.watch", "usbench.figures", *(f"usbench.{name}" for name in READING))
+    asks = f"usbench.watch.{path.stem}" in ASKING
+    assert not foreign(path, *own, *(("usbench.trials", "usbench.agents") if asks else ()))
+    tops = {name.split(".")[0] for name in imported(path)}
+    assert path.stem == "advice" or not tops & (LEARNING - {"gymnasium"})
 
 
 def test_custom_anatomies_are_one_kind_of_tissue_among_others():

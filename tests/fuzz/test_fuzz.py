@@ -42,7 +42,7 @@ KNOWN_WORDS = [
 KNOWN_OPTIONS = [
     "--algo", "--algos", "--task", "--tasks", "--noise", "--seed", "--seeds", "--steps", "--preset",
     "--set", "--out", "--overwrite", "--quiet", "--jobs", "--cluster", "--leaderboard", "--candidates",
-    "--clear", "--episode", "--drawn", "--formats", "--x", "--depth", "--angle", "--kind", "--plain",
+    "--clear", "--episode", "--sampled", "--formats", "--x", "--depth", "--angle", "--kind", "--plain",
     "--help", "--version", "--nothing",
 ]
 # fmt: on

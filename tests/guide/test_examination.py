@@ -15,7 +15,7 @@ from usbench.guide import examination as guide
 from usbench.guide.controls import controls
 from usbench.guide.examination import GUIDED, Examination, Opened
 from usbench.setting import Setting
-from usbench.watch.advice import Advice
+from usbench.watch.moment import Advice
 
 LEFT, RIGHT, TURN_BACK, TURN = 1, 2, 3, 4
 

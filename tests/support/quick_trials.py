@@ -12,8 +12,12 @@ QUICK_CHECKPOINTS = 2
 class DrawnFrames:
     """Stands in for the simulator: a bright spot whose place and width tell the pose."""
 
+    def __init__(self, height_px=90, width_px=40):
+        self.shape = height_px, width_px
+
     def frame(self, pose):
-        x, z = np.arange(40)[np.newaxis] - 19.5, np.arange(90)[:, np.newaxis]
+        height, width = self.shape
+        x, z = np.arange(width)[np.newaxis] - (width - 1) / 2, np.arange(height)[:, np.newaxis]
         width = 3 + 9 * abs(np.cos(np.radians(pose.angle_deg)))
         spot = np.exp(-(((x + pose.x_mm) / width) ** 2) - ((z - pose.focal_depth_mm) / 10) ** 2)
         return (20 + 200 * spot).astype(np.uint8)
@@ -33,13 +37,15 @@ def speed_up(monkeypatch):
     from usbench import suite
     from usbench.envs import oracle
 
-    frames = DrawnFrames()
+    def drawn(_phantom, _probe, imaging):
+        return DrawnFrames(imaging.height_px, imaging.width_px)
+
     for name in ("_returns", "_policy", "_rewards_from_frames"):  # which may be of the simulator's frames
         plain = getattr(oracle, name).__wrapped__
         monkeypatch.setattr(oracle, name, functools.lru_cache(maxsize=256)(plain))
-    monkeypatch.setattr("usbench.envs.guidance.frame_store", lambda *_: frames)
-    monkeypatch.setattr("usbench.setting.frame_store", lambda *_: frames)
-    monkeypatch.setattr("usbench.trials.tensorboard.frame_store", lambda *_: frames)
+    monkeypatch.setattr("usbench.envs.guidance.frame_store", drawn)
+    monkeypatch.setattr("usbench.setting.frame_store", drawn)
+    monkeypatch.setattr("usbench.trials.tensorboard.frame_store", drawn)
     if suite.TASKS["pp"].checkpoints != QUICK_CHECKPOINTS:  # fixtures may ask for it within each other
         rows = {name: _with_fewer_evaluations(row) for name, row in suite.TASKS.items()}
         monkeypatch.setattr(suite, "TASKS", rows)

@@ -18,7 +18,7 @@ from usbench.envs.pose import Pose
 from usbench.guide import examination
 from usbench.guide.agents import ORACLE
 from usbench.guide.session import Session
-from usbench.records import ConfigurationError
+from usbench.records import ConfigurationError, Trial
 from usbench.report import agents as report_agents
 from usbench.report import poses as report_poses
 from usbench.results import tables as results
@@ -155,10 +155,9 @@ def test_watching_finds_the_volume_again_or_says_what_is_missing(trial, _made, c
 
 def test_a_replay_is_of_the_volume(trial):
     own = anatomy_record.recorded(read_state(trial)["config"]["environment"])
-    record = replay.typical_episode(trial)
-    *_, last = replay.play(
-        Setting(task="pp", noise=0.0), int(record["eval_episode"]), record["actions"], anatomy=own
-    )
+    record = replay.typical(Trial.read(trial).last_evaluation(deterministic=False))
+    setting = Setting(task="pp", anatomy=own)
+    *_, last = replay.play(setting, int(record["eval_episode"]), record["actions"])
     assert last.return_ == record["return"]
     # The optimum is that of the target.
     planned = suite.evaluation_episodes("pp")[int(record["eval_episode"])]
@@ -170,7 +169,7 @@ def test_a_report_plays_it_and_has_no_map_of_another_phantom(trial):
     poses = report_poses.Poses(suite.TASKS["pp"].guidance, np.zeros(0), "", np.zeros(0, bool))
     card = report_agents.card(trial.parent, one, poses)
     assert card.map is None and card.silence == report_agents.OWN_ANATOMY
-    record = replay.typical_episode(trial, deterministic=True)
+    record = replay.typical(Trial.read(trial).last_evaluation(deterministic=True))
     assert card.replay.total == film.fixed(record["return"])
 
 

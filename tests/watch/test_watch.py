@@ -12,9 +12,14 @@ from rich.console import Console
 from usbench import cli, records
 from usbench.agents import zoo
 from usbench.envs import oracle
+from usbench.envs.bmode import Imaging
+from usbench.envs.probe import LinearArray
 from usbench.setting import Setting, make_env
-from usbench.watch import film, replay, terminal
-from usbench.watch.advice import Advice, Adviser
+from usbench.trials import runner
+from usbench.trials.configuration import resolve
+from usbench.watch import film, replay, selection, terminal
+from usbench.watch.advice import Adviser
+from usbench.watch.moment import Advice
 
 LEARNERS = ["vpg", "a2c", "dqn", "qrdqn", "recurrent_ppo"]
 
@@ -25,8 +30,8 @@ def without_waiting(monkeypatch):
 
 
 def moments(folder, number=0):
-    watched = terminal.choose(folder, [number])
-    return watched, list(terminal._moments(watched, watched.episodes[0]))
+    chosen = selection.choose(folder, [number])
+    return chosen, list(chosen.moments(chosen.episodes[0]))
 
 
 def agent(algo, task="pp"):
@@ -40,7 +45,6 @@ def test_advice_is_what_the_agent_does(quick, algo):
     acting, env = agent(algo), make_env("pp")
     adviser = Adviser(acting)
     for _ in range(2):  # a second episode knows nothing of the first
-        adviser.begin()
         observation, info = env.reset(seed=1)
         state = None
         for step in range(6):
@@ -66,14 +70,14 @@ def test_advice_of_those_that_do_not_learn(quick):
 
 
 def test_advice_of_the_saved_model_is_what_was_recorded(finished):
-    watched, played = moments(finished)
-    assert [moment.advice.best for moment in played[:-1]] == watched.episodes[0]["actions"]
+    chosen, played = moments(finished)
+    assert [moment.advice.best for moment in played[:-1]] == chosen.episodes[0]["actions"]
     assert played[-1].advice is None
 
 
 def test_return_and_final_pose_are_the_records(finished):
-    watched, played = moments(finished, 3)
-    record = watched.episodes[0]
+    chosen, played = moments(finished, 3)
+    record = chosen.episodes[0]
     assert played[-1].return_ == record["return"]
     assert played[-1].pose.x_mm == record["final_x_mm"]
     assert played[-1].distance_mm == record["final_distance_mm"]
@@ -100,15 +104,15 @@ def test_optimum_meets_the_same_slips(quick):
 
 
 def test_episodes_in_pictures_that_move_and_a_video(finished, tmp_path):
-    watched = terminal.choose(finished, [0, 3])
-    for episode in watched.episodes:
+    chosen = selection.choose(finished, [0, 3])
+    for episode in chosen.episodes:
         del episode["actions"][2:]
     for name in ("a.gif", "a.webp"):
-        terminal.write(watched, tmp_path / name)
+        selection.write(chosen, tmp_path / name)
         with Image.open(tmp_path / name) as animation:
             assert animation.n_frames == 6
             assert animation.format == name[2:].upper()
-    terminal.write(watched, tmp_path / "a.mp4")
+    selection.write(chosen, tmp_path / "a.mp4")
     video = cv2.VideoCapture(str(tmp_path / "a.mp4"))
     # Two pages of each, and its last one four times as long.
     assert video.get(cv2.CAP_PROP_FRAME_COUNT) == 12
@@ -118,7 +122,7 @@ def test_episodes_in_pictures_that_move_and_a_video(finished, tmp_path):
 
 def test_page_marks_the_advised_action(finished):
     _, played = moments(finished)
-    names = replay.action_names("pp")
+    names = replay.action_names(Setting(task="pp"))
     page = np.asarray(film.page(played[0], 16, names))
     height = played[0].picture.shape[0]
     rows = page[height + 2 + 22 * played[0].advice.best :][4:16, 940:1200]
@@ -127,7 +131,7 @@ def test_page_marks_the_advised_action(finished):
 
 
 def test_page_has_room_for_advice_on_every_action_and_tells_the_settings(quick):
-    names = replay.action_names("setup")
+    names = replay.action_names(Setting(task="setup"))
     advice = Advice((0.0,) * (len(names) - 1) + (1.0,))
     played = [
         dataclasses.replace(moment, advice=advice)
@@ -157,7 +161,7 @@ def test_table_has_a_row_for_every_step(finished, capsys):
 
 def test_terminal_shows_colour_blocks_and_words(finished, without_waiting):
     console = Console(file=io.StringIO(), force_terminal=True, width=100, height=30, color_system="truecolor")
-    terminal.show(terminal.choose(finished, [0]), console)
+    terminal.show(selection.choose(finished, [0]), console)
     shown = console.file.getvalue()
     for words in ("step 16/16", "optimum in this episode", "advice: ", "▀", "38;2;"):
         assert words in shown
@@ -170,6 +174,22 @@ def test_scene_fits_the_terminal(finished, width, height):
     assert image.shape[0] <= 2 * height and image.shape[0] % 2 == 0 and image.shape[1] <= width
     # Two pixels make a character twice as high as wide: 80 mm across is as long as 80 mm of depth.
     assert (starts[2] - starts[1] - terminal.GAP) / image.shape[0] == pytest.approx(400 / 490, rel=0.15)
+
+
+@pytest.mark.parametrize(("height_px", "width_px"), [(128, 128), (64, 20)])
+def test_watching_follows_the_trials_probe_and_imaging(quick, tmp_path, height_px, width_px):
+    imaging = Imaging(height_px=height_px, width_px=width_px)
+    config = resolve("vpg", "pp", steps=64, probe=LinearArray(n_lines=96), imaging=imaging)
+    folder = runner.run_trial(config, tmp_path).folder
+    chosen, played = moments(folder)
+    assert chosen.setting.probe.width == pytest.approx(60e-3) and chosen.setting.imaging == imaging
+    assert [moment.advice.best for moment in played[:-1]] == chosen.episodes[0]["actions"]
+    selection.write(chosen, tmp_path / "a.webp")
+    with Image.open(tmp_path / "a.webp") as animation:
+        assert animation.n_frames == 17 and animation.width >= film.WIDTH
+    image, starts = terminal.panels(played[0].picture, 100, 30)
+    assert image.shape[1] <= 100 and image.shape[0] <= 60 and len(starts) == 3
+    assert "angle (deg)" in terminal.table(iter(played), chosen.names)
 
 
 def test_blocks_in_colour_and_in_grey():
@@ -190,16 +210,16 @@ def test_interruption_gives_the_cursor_back(finished, monkeypatch):
 
     monkeypatch.setattr(terminal.time, "sleep", interrupt)
     with pytest.raises(KeyboardInterrupt):
-        terminal.show(terminal.choose(finished), console)
+        terminal.show(selection.choose(finished), console)
     hidden, shown = "\x1b[?25l", "\x1b[?25h"
     assert console.file.getvalue().rfind(shown) > console.file.getvalue().rfind(hidden) >= 0
 
 
 def test_without_a_model_it_plays_without_advice_and_says_so(finished, capsys):
     (finished / records.MODEL).unlink()
-    assert cli.main(["watch", str(finished), "--drawn"]) == 0
+    assert cli.main(["watch", str(finished), "--sampled"]) == 0
     captured = capsys.readouterr()
-    assert captured.err.startswith("without advice: there is no model") and "drawn actions" in captured.out
+    assert captured.err.startswith("without advice: there is no model") and "sampled actions" in captured.out
 
 
 @pytest.mark.parametrize(

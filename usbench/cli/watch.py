@@ -13,7 +13,7 @@ EXAMPLES = """examples:
   usbench watch runs/pp-p0-vpg-s0-f5fd15c6
       in the terminal; as a table of text where the output is no terminal
   usbench watch runs/pp-p0-vpg-s0-f5fd15c6 --episode 0 17 --out episodes.mp4
-  usbench watch runs/pp-p0-vpg-s0-f5fd15c6 --drawn --out episode.gif
+  usbench watch runs/pp-p0-vpg-s0-f5fd15c6 --sampled --out episode.gif
 """
 
 
@@ -25,7 +25,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         epilog=EXAMPLES,
         help="replay evaluation episodes of a trial",
         description="Replay episodes of a trial's last evaluation: scene and frame, action, reward, return "
-        "beside the optimum's in the same episode, and what the saved agent advises.",
+        "beside that of the optimum in the same episode, and what the saved agent advises.",
     )
     watch.add_argument("trial", type=Path, metavar="TRIAL", help="folder of a trial")
     watch.add_argument(
@@ -37,7 +37,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         help="numbers of evaluation episodes (default: the one whose return is the median)",
     )
     watch.add_argument(
-        "--drawn", action="store_true", help="episodes with drawn actions instead of the most probable ones"
+        "--sampled", action="store_true", help="episodes with sampled actions in place of greedy ones"
     )
     watch.add_argument("--out", type=Path, metavar="FILE", help=".gif, .webp or .mp4 (default: the terminal)")
     watch.set_defaults(call=_call)
@@ -45,14 +45,14 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
 
 def _call(args: argparse.Namespace) -> None:
     """Replay evaluation episodes of a trial."""
-    from usbench.watch import terminal
+    from usbench.watch import selection, terminal
 
-    out = args.out if args.out is None else terminal.check_file(args.out)
-    watched = terminal.choose(args.trial, args.episode, drawn=args.drawn)
-    if watched.adviser is None:
-        print(f"without advice: {watched.silence}", file=sys.stderr)
+    out = args.out if args.out is None else selection.check_file(args.out)
+    chosen = selection.choose(args.trial, args.episode, sampled=args.sampled)
+    if chosen.ask is None:
+        print(f"without advice: {chosen.silence}", file=sys.stderr)
     if out is None:
-        terminal.show(watched)
+        terminal.show(chosen)
     else:
-        terminal.write(watched, out)
+        selection.write(chosen, out)
         print(out)

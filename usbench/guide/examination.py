@@ -16,7 +16,8 @@ from usbench.envs.probe import LinearArray
 from usbench.envs.task import COORDINATES
 from usbench.setting import Setting
 from usbench.watch import episode
-from usbench.watch.advice import Advice, Adviser
+from usbench.watch.advice import Adviser
+from usbench.watch.moment import Advice
 
 # Tasks in which the probe is all that moves: the scanner's settings have no keys.
 GUIDED = tuple(name for name, task in suite.TASKS.items() if task.guidance.coordinates == COORDINATES)
@@ -102,8 +103,6 @@ class Examination:
         n_frames = agent.n_frames if agent else 1
         self._env = replace(self.setting, n_frames=n_frames).make_env()
         self.return_, self.slip, self.blocked, self._stopped = 0.0, "", False, False
-        if self._adviser is not None:
-            self._adviser.begin()
         self._look(*self._env.reset(seed=self._seed))
         for action in done:
             self.act(action)

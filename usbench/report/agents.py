@@ -24,7 +24,7 @@ from usbench.results.scores import SCORED
 from usbench.results.tables import Results
 from usbench.setting import Setting
 from usbench.watch import film, replay
-from usbench.watch.replay import Moment
+from usbench.watch.moment import Moment
 
 OWN_ANATOMY = "There is no map of actions: it would be that of the paper's phantom, and this is another."
 # Pixels.
@@ -183,8 +183,9 @@ def _mean(values: npt.NDArray[np.float64]) -> float:
 
 def play(folder: Path, one: Shown) -> Replay:
     """Return the episode of median return of the trial's last evaluation, with greedy actions."""
-    record = replay.typical_episode(folder, deterministic=True)
-    setting = Setting.recorded(Trial.read(folder).config)
+    trial = Trial.read(folder)
+    record = replay.typical(trial.last_evaluation(deterministic=True))
+    setting = Setting.recorded(trial.config)
     moments = list(replay.play(setting, int(record["eval_episode"]), record["actions"]))
     moving, still = pictures.from_pages([_page(moment, len(moments) - 1) for moment in moments])
     end = moments[-1]

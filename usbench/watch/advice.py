@@ -1,7 +1,6 @@
-"""What an agent advises: how likely it is to take every action, or how much it expects of it."""
+"""An agent is asked what it advises: how likely it takes every action, or which return it expects of it."""
 
-from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import torch
@@ -11,28 +10,11 @@ from stable_baselines3.common.policies import ActorCriticPolicy, BasePolicy
 from stable_baselines3.dqn.policies import DQNPolicy
 
 from usbench.agents.baselines import Random
-
-
-@dataclass(frozen=True)
-class Advice:
-    """What an agent makes of every action.
-
-    Attributes:
-        weights: One number per action: its probability, or the discounted return that is expected of it.
-        kind: Which of both.
-    """
-
-    weights: tuple[float, ...]
-    kind: Literal["probability", "value"] = "probability"
-
-    @property
-    def best(self) -> int:
-        """The action that the agent advises."""
-        return int(np.argmax(self.weights))
+from usbench.watch.moment import Advice
 
 
 class Adviser:
-    """Asks an agent about one episode, step by step; `begin` comes before each episode."""
+    """Asks an agent about episodes, step by step; an episode begins with step 0."""
 
     def __init__(self, agent: Any) -> None:
         """Ask `agent`, which acts with `predict`."""
@@ -41,18 +23,12 @@ class Adviser:
         if isinstance(self._policy, BasePolicy):
             self._policy.set_training_mode(False)
         self._memory: Any = None
-        self.begin()
-
-    def begin(self) -> None:
-        """Forget the episode before."""
-        self._memory = None
-        if isinstance(self._policy, RecurrentActorCriticPolicy):
-            shape = (self._policy.lstm_actor.num_layers, 1, self._policy.lstm_actor.hidden_size)
-            self._memory = (torch.zeros(shape), torch.zeros(shape))
 
     @torch.no_grad()
     def advise(self, observation: Any, info: dict[str, Any], step: int) -> Advice:
-        """Return the advice after `step` steps; `info` is for agents alone that see the state."""
+        """Return the advice after `step` steps; only agents that see the state look at `info`."""
+        if step == 0:
+            self._forget()
         policy = self._policy
         if not isinstance(policy, BasePolicy):
             return self._certain(observation, info, step)
@@ -69,8 +45,15 @@ class Adviser:
             return Advice(_numbers(policy.quantile_net(seen).mean(dim=1)), "value")
         return self._certain(observation, info, step)
 
+    def _forget(self) -> None:
+        """Forget the episode before."""
+        self._memory = None
+        if isinstance(self._policy, RecurrentActorCriticPolicy):
+            shape = (self._policy.lstm_actor.num_layers, 1, self._policy.lstm_actor.hidden_size)
+            self._memory = (torch.zeros(shape), torch.zeros(shape))
+
     def _certain(self, observation: Any, info: dict[str, Any], step: int) -> Advice:
-        """Ask an agent that tells nothing but its action."""
+        """Ask an agent that tells only its action."""
         n_actions = int(self._agent.action_space.n)
         if isinstance(self._agent, Random):
             return Advice((1 / n_actions,) * n_actions)

@@ -1,20 +1,14 @@
 """Moments of an episode as pages with words below the picture, written as .gif, .webp or .mp4."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from usbench.atomic import atomic_file, atomic_path
-
-if TYPE_CHECKING:  # asking an agent takes torch
-    from usbench.watch.advice import Advice
-    from usbench.watch.replay import Moment
+from usbench.watch.moment import Advice, Moment
 
 FORMATS = (".gif", ".webp", ".mp4")
 STEP_MS, LAST_STEP_MS = 450, 2000
@@ -22,21 +16,20 @@ STEP_MS, LAST_STEP_MS = 450, 2000
 WEBP_QUALITY = 60
 # The first is what browsers play, the second what every build of OpenCV writes.
 CODECS = ("vp09", "mp4v")
-FOOTER_HEIGHT, ACTION_HEIGHT, FOOTER_COLOR, FAINT, BAR, BEST = (
-    120,
-    22,
-    (15, 18, 24),
-    (150, 156, 168),
-    (86, 180, 233),
-    (240, 228, 66),
-)
+# Pixels; the words below a picture need this width, a picture of narrow frames is less wide.
+WIDTH = 1240
+FOOTER_HEIGHT, ACTION_HEIGHT = 120, 22
+ADVICE_LEFT, NAME_LEFT, BAR_LEFT, BAR_WIDTH = 600, 700, 940, 250
+# Red, green and blue.
+FOOTER, FAINT = (15, 18, 24), (150, 156, 168)
+BAR, BEST = (86, 180, 233), (240, 228, 66)
 
 
 def page(moment: Moment, steps: int, names: Sequence[str], title: str = "") -> Image.Image:
-    """Return the picture with what was done below it, and what the agent advises."""
+    """Return the picture with words below it: what was done, and what the agent advises."""
     height, width, _ = moment.picture.shape
     footer = max(FOOTER_HEIGHT, ACTION_HEIGHT * len(names) + 10)
-    image = Image.new("RGB", (width, height + footer), FOOTER_COLOR)
+    image = Image.new("RGB", (max(width, WIDTH), height + footer), FOOTER)
     image.paste(Image.fromarray(moment.picture), (0, 0))
     draw = ImageDraw.Draw(image)
     lines = [f"step {moment.step}/{steps}: {moment.action}", *facts(moment), title]
@@ -65,7 +58,7 @@ def fixed(number: float) -> str:
 
 
 def advice_words(advice: Advice, names: Sequence[str]) -> list[str]:
-    """Return for every action its name and probability or value."""
+    """Return the name of every action with its probability or value."""
     texts = [
         f"{100 * weight:.0f} %" if advice.kind == "probability" else fixed(weight)
         for weight in advice.weights
@@ -77,7 +70,7 @@ def write(path: Path, pages: Sequence[Image.Image]) -> None:
     """Write pages of one size as .gif, .webp or .mp4; a page after which an episode ends stays for longer.
 
     Raises:
-        ValueError: If the ending is none of them.
+        ValueError: If the name ends otherwise.
         OSError: If OpenCV cannot write the video.
     """
     durations = [int(page.info["duration"]) for page in pages]
@@ -109,15 +102,14 @@ def _draw_advice(draw: ImageDraw.ImageDraw, advice: Advice, names: Sequence[str]
     font = ImageFont.load_default(size=14)
     low, high = (0.0, 1.0) if advice.kind == "probability" else (min(advice.weights), max(advice.weights))
     words = advice_words(advice, names)
-    draw.text((600, top), "advice now:", fill="white", font=font)
+    draw.text((ADVICE_LEFT, top), "advice now:", fill="white", font=font)
     for number, (weight, text) in enumerate(zip(advice.weights, words, strict=True)):
         best = number == advice.best
         y = top + ACTION_HEIGHT * number
-        draw.text((700, y), f"{'> ' if best else '   '}{text}", fill=BEST if best else "white", font=font)
-        draw.rectangle(
-            (940, y + 4, 940 + round(250 * (weight - low) / ((high - low) or 1.0)), y + 16),
-            fill=BEST if best else BAR,
-        )
+        length = round(BAR_WIDTH * (weight - low) / ((high - low) or 1.0))
+        marked = f"{'> ' if best else '   '}{text}"
+        draw.text((NAME_LEFT, y), marked, fill=BEST if best else "white", font=font)
+        draw.rectangle((BAR_LEFT, y + 4, BAR_LEFT + length, y + 16), fill=BEST if best else BAR)
 
 
 def _write_video(path: Path, pages: Sequence[Image.Image], repeats: Iterable[int]) -> None:

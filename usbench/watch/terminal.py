@@ -1,9 +1,7 @@
-"""Evaluation episodes of a trial to look at: as a file, live in the terminal, or as a table of text."""
+"""Episodes in the terminal: live, or as a table of text."""
 
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -19,13 +17,9 @@ from rich.text import Text
 from usbench.envs.scene import picture
 from usbench.envs.scene.drawing import BACKGROUND
 from usbench.envs.settings import in_words
-from usbench.figures import style as drawing
-from usbench.records import ConfigurationError, Trial, TrialConfig
-from usbench.setting import Setting
-from usbench.trials.model_loading import load_agent
-from usbench.watch import film, replay
-from usbench.watch.advice import Adviser
-from usbench.watch.replay import Moment
+from usbench.watch import film
+from usbench.watch.moment import Moment
+from usbench.watch.selection import Selection
 
 # The rows that the panels of the scene share, with the probe above.
 ROWS = (picture.TOP - 40, picture.BOTTOM)
@@ -34,87 +28,15 @@ TEXT_LINES = 8
 SHADES = " ░▒▓█"
 
 
-@dataclass(frozen=True)
-class Watched:
-    """Episodes of one trial that are about to be played.
-
-    Attributes:
-        config: The trial's configuration.
-        episodes: Their records.
-        kind: Of their actions, "greedy" or "drawn".
-        adviser: Asks the saved model; None if it cannot be opened.
-        silence: Why it cannot.
-    """
-
-    config: TrialConfig
-    episodes: list[dict[str, Any]]
-    kind: str
-    adviser: Adviser | None
-    silence: str
-
-
-def choose(folder: Path, numbers: Sequence[Any] = (), *, drawn: bool = False) -> Watched:
-    """Return the episodes `numbers` of the last checkpoint, or the one whose return is the median.
-
-    Raises:
-        ConfigurationError: If `folder` is no trial with evaluations, or has no such episode.
-    """
-    try:
-        config = Trial.read(folder).config
-        rows = replay.last_evaluations(folder, deterministic=not drawn)
-        typical = replay.typical_episode(folder, deterministic=not drawn)
-    except ValueError as error:
-        raise ConfigurationError(str(error)) from error
-    by_number = {row["eval_episode"]: row for row in rows.to_dict("records")}
-    for number in numbers:
-        if number not in by_number:
-            raise ConfigurationError(
-                f"episode must be a whole number from 0 to {max(by_number)}, not {number!r}."
-            )
-    episodes = [by_number[number] for number in numbers] or [typical]
-    kind = "drawn" if drawn else "greedy"
-    try:
-        return Watched(config, episodes, kind, Adviser(load_agent(folder).agent), "")
-    except ConfigurationError as error:
-        return Watched(config, episodes, kind, None, str(error))
-
-
-def check_file(out: Path) -> Path:
-    """Return `out` if a replay can be written there; ConfigurationError if not."""
-    return drawing.check_file(out, film.FORMATS)
-
-
-def title(watched: Watched, episode: dict[str, Any]) -> str:
-    """Return which episode this is, in words."""
-    config = watched.config
-    return (
-        f"{config.algo} on {config.task}, noise {config.noise:g}, seed {config.seed}: evaluation "
-        f"episode {episode['eval_episode']} at step {episode['checkpoint']}, {watched.kind} actions"
-    )
-
-
-def write(watched: Watched, out: Path) -> None:
-    """Write the episodes one after the other to `out`, .gif, .webp or .mp4."""
-    names = replay.action_names(watched.config.task)
-    film.write(
-        out,
-        [
-            film.page(moment, len(episode["actions"]), names, title(watched, episode))
-            for episode in watched.episodes
-            for moment in _moments(watched, episode)
-        ],
-    )
-
-
-def show(watched: Watched, console: Console | None = None) -> None:
-    """Play the episodes in the terminal, or print them as tables where there is none."""
+def show(selection: Selection, console: Console | None = None) -> None:
+    """Play the episodes in the terminal, or print them as tables where the output is no terminal."""
     console = console or Console()
-    for episode in watched.episodes:
+    for episode in selection.episodes:
         if console.is_terminal:
-            _live(watched, episode, console)
+            _live(selection, episode, console)
         else:
-            print(title(watched, episode))
-            print(table(_moments(watched, episode), replay.action_names(watched.config.task)))
+            print(selection.title(episode))
+            print(table(selection.moments(episode), selection.names))
 
 
 def table(moments: Iterator[Moment], names: Sequence[str]) -> str:
@@ -142,7 +64,7 @@ def table(moments: Iterator[Moment], names: Sequence[str]) -> str:
 
 
 def screen(moment: Moment, steps: int, names: Sequence[str], console: Console) -> Text:
-    """Return what the terminal shows of a moment: the scene beside the frame, and what is happening."""
+    """Return what the terminal shows of a moment: scene beside frame, and words below."""
     width, height = console.size
     image, starts = panels(moment.picture, width, height - TEXT_LINES)
     text = Text()
@@ -205,18 +127,10 @@ def blocks(image: npt.NDArray[np.uint8], *, colored: bool) -> Text:
     return text
 
 
-def _live(watched: Watched, episode: dict[str, Any], console: Console) -> None:
-    names = replay.action_names(watched.config.task)
-    console.print(title(watched, episode), highlight=False)
+def _live(selection: Selection, episode: dict[str, Any], console: Console) -> None:
+    console.print(selection.title(episode), highlight=False)
     with Live(console=console, auto_refresh=False) as live:
-        for moment in _moments(watched, episode):
-            live.update(screen(moment, len(episode["actions"]), names, console), refresh=True)
+        for moment in selection.moments(episode):
+            shown = screen(moment, len(episode["actions"]), selection.names, console)
+            live.update(shown, refresh=True)
             time.sleep(film.STEP_MS / 1000)
-
-
-def _moments(watched: Watched, episode: dict[str, Any]) -> Iterator[Moment]:
-    config, adviser = watched.config, watched.adviser
-    if adviser is not None:
-        adviser.begin()
-    setting = Setting.recorded(config)
-    return replay.play(setting, int(episode["eval_episode"]), episode["actions"], adviser=adviser)

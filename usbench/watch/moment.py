@@ -1,0 +1,63 @@
+"""A moment of an episode and an agent's advice in it, as plain data."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from usbench.envs.pose import Pose
+
+
+@dataclass(frozen=True)
+class Advice:
+    """What an agent thinks of every action.
+
+    Attributes:
+        weights: One number per action: its probability, or the discounted return that the agent expects.
+        kind: Which of the two the numbers are.
+    """
+
+    weights: tuple[float, ...]
+    kind: Literal["probability", "value"] = "probability"
+
+    @property
+    def best(self) -> int:
+        """The action that the agent advises."""
+        return int(np.argmax(self.weights))
+
+
+# (observation, info, step) -> advice after `step` steps: how an agent is asked, `Adviser.advise` for example.
+Ask = Callable[[Any, dict[str, Any], int], Advice]
+
+
+@dataclass(frozen=True)
+class Moment:
+    """What there is to see after one step, or at the start.
+
+    Attributes:
+        step: Number of steps made, 0 at the start.
+        picture: Scene beside frame, (height, width, 3) uint8.
+        action: Name of the last action, "start" at the start.
+        reward: Reward of that action.
+        return_: Sum of the rewards so far.
+        optimum: The sum of the best policy that knows the pose, from the same start, with the same slips.
+        pose: Pose of the probe.
+        distance_mm: Distance to the goal, as the task defines it.
+        slip: What noise did to the probe after the action, in words; empty if nothing.
+        is_success: Whether this pose is the goal.
+        advice: What the agent advises now; None if it is not asked, and after the last step.
+    """
+
+    step: int
+    picture: npt.NDArray[np.uint8]
+    action: str
+    reward: float
+    return_: float
+    optimum: float
+    pose: Pose
+    distance_mm: float
+    slip: str
+    is_success: bool
+    advice: Advice | None
