@@ -11,11 +11,10 @@ import numpy as np
 from gymnasium import spaces
 
 from usbench.agents.hyperparameters import check_seed
+from usbench.coordinates import POSE, TARGET
 
 Actions = np.ndarray[Any, np.dtype[np.int64]]
 STAY = 0
-STATE_KEYS = ("x_mm", "focal_depth_mm", "angle_deg")
-TARGET_KEYS = tuple(f"target_{key}" for key in STATE_KEYS)
 
 
 class Planner(Protocol):
@@ -141,10 +140,10 @@ class Oracle(_NotLearned):
         return np.array([self._action(info) for info in observation], dtype=np.int64)
 
     def _action(self, info: dict[str, Any]) -> int:
-        keys = getattr(self.policy, "coordinates", STATE_KEYS)
+        keys = getattr(self.policy, "coordinates", POSE)
         missing = [key for key in ("step", *keys) if key not in info]
         if missing:
             raise ValueError(f"info must say {', '.join(('step', *keys))}; {', '.join(missing)} is missing.")
-        known = [names for names in (keys, TARGET_KEYS) if names[0] in info]
+        known = [names for names in (keys, TARGET) if names[0] in info]
         pose, *target = (tuple(int(info[name]) for name in names) for names in known)
         return int(self.policy.action(int(info["step"]), pose, *target))

@@ -29,8 +29,8 @@ class Contents:
     Attributes:
         scene: Phantom, array and imaging in words, for people.
         simulator: Hash of what computed the frames.
-        poses: x_mm, focal_depth_mm, angle_deg, frequency_khz and dynamic_range_db of every frame, the last
-            two 0 where the array's and the imaging's own are meant, (n_frames, 5).
+        poses: Of every frame the coordinates of the table, settings 0 where the array's and the imaging's own
+            are meant, (n_frames, n_coordinates).
         frames: (n_frames, height_px, width_px).
     """
 

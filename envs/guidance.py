@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from usbench.checks import probability, unknown
+from usbench.coordinates import POSE
 from usbench.envs.bmode import Imaging
 from usbench.envs.frames import FrameStore, frame_store
 from usbench.envs.image_reward import check_depth, likeness, standard_view
@@ -16,7 +17,7 @@ from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Move, Pose, coordinates, sin_deg
 from usbench.envs.probe import LinearArray
 from usbench.envs.scene.picture import draw_scene
-from usbench.envs.task import COORDINATES, IMAGE, REWARDS, Task, check_reward
+from usbench.envs.task import IMAGE, REWARDS, Task, check_reward
 from usbench.envs.tissue import Tissue
 
 T = TypeVar("T")
@@ -196,7 +197,7 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
         return self.task.is_success(pose, self.target)
 
     def _target_info(self) -> dict[str, int]:
-        return {f"target_{name}": getattr(self.target, name) for name in COORDINATES}
+        return {f"target_{name}": getattr(self.target, name) for name in POSE}
 
     def _with_options(self, start: Pose, options: dict[str, Any] | None) -> Pose:
         if options is None:

@@ -7,12 +7,14 @@ x towards y, which is clockwise for somebody who looks down on the probe.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from usbench.checks import whole_number
+from usbench.coordinates import BY_NAME
 
 
 def sin_deg(angle_deg: int) -> float:
@@ -43,22 +45,27 @@ class Move:
 
     def __post_init__(self) -> None:
         """Hold the values as whole numbers, or refuse them."""
-        for field in fields(self):
-            object.__setattr__(self, field.name, whole_number(field.name, getattr(self, field.name)))
+        for name in (one.name for one in fields(self)):
+            object.__setattr__(self, name, whole_number(name, getattr(self, name)))
+
+
+def _limits(name: str) -> Any:
+    """Return the field of a coordinate's limits, with those of the table as default."""
+    return field(default=BY_NAME[name].limits)
 
 
 @dataclass(frozen=True)
 class Limits:
     """Closed intervals (low, high) of the probe's centre, its focal depth and settings; angles have none."""
 
-    x_mm: tuple[int, int] = (-20, 20)
-    focal_depth_mm: tuple[int, int] = (5, 90)
-    frequency_khz: tuple[int, int] = (2_000, 5_000)
-    dynamic_range_db: tuple[int, int] = (20, 90)
+    x_mm: tuple[int, int] = _limits("x_mm")
+    focal_depth_mm: tuple[int, int] = _limits("focal_depth_mm")
+    frequency_khz: tuple[int, int] = _limits("frequency_khz")
+    dynamic_range_db: tuple[int, int] = _limits("dynamic_range_db")
 
     def __post_init__(self) -> None:
         """Hold the values as whole numbers, or refuse them."""
-        for name in (field.name for field in fields(self)):
+        for name in (one.name for one in fields(self)):
             interval = tuple(whole_number(f"a limit of {name}", value) for value in getattr(self, name))
             if len(interval) != 2 or interval[0] > interval[1]:
                 raise ValueError(f"the limits of {name} must be (low, high), not {getattr(self, name)!r}.")
@@ -73,7 +80,7 @@ class Limits:
 
     def kept(self, name: str, value: int, change: int) -> int:
         """Return the coordinate `name` after a change, or `value` as it was where that would lie outside."""
-        low, high = getattr(self, name)
+        low, high = getattr(self, name, (-math.inf, math.inf))
         return value + change if low <= value + change <= high else value
 
 
@@ -97,18 +104,15 @@ class Pose:
     def __post_init__(self) -> None:
         """Hold the values as whole numbers, or refuse them."""
         for name in coordinates(self):
-            object.__setattr__(self, name, whole_number(name, getattr(self, name)))
-        if self.focal_depth_mm < 1:
-            raise ValueError(f"focal_depth_mm must be at least 1, not {self.focal_depth_mm}.")
-        object.__setattr__(self, "angle_deg", self.angle_deg % 360)
+            value, row = whole_number(name, getattr(self, name)), BY_NAME[name]
+            if row.least is not None and value < row.least:
+                raise ValueError(f"{name} must be at least {row.least}, not {value}.")
+            object.__setattr__(self, name, value if row.period is None else value % row.period)
 
-    def moved(self, move: Move, limits: Limits = LIMITS) -> Pose:
+    def moved(self, move: Move, limits: Limits = LIMITS) -> Self:
         """Return the pose after `move`; a coordinate that would leave its limits keeps its value."""
-        return Pose(
-            limits.kept("x_mm", self.x_mm, move.x_mm),
-            limits.kept("focal_depth_mm", self.focal_depth_mm, move.focal_depth_mm),
-            self.angle_deg + move.angle_deg,
-        )
+        names = coordinates(self)
+        return type(self)(*(limits.kept(name, getattr(self, name), getattr(move, name)) for name in names))
 
     def to_probe(self, positions: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """Return positions of the phantom (n, 3) m as seen from the probe, (n, 3) m.

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass, replace
 
+from usbench.coordinates import COORDINATES, POSE
 from usbench.envs.bmode import Imaging
-from usbench.envs.pose import LIMITS, Limits, Move, Pose
+from usbench.envs.pose import Pose
 from usbench.envs.probe import LinearArray
 
 
@@ -21,24 +22,6 @@ class Setup(Pose):
 
     frequency_khz: int = 3500
     dynamic_range_db: int = 60
-
-    def __post_init__(self) -> None:
-        """Hold the values as whole numbers, or refuse them."""
-        super().__post_init__()
-        for name in ("frequency_khz", "dynamic_range_db"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} must be at least 1, not {getattr(self, name)}.")
-
-    def moved(self, move: Move, limits: Limits = LIMITS) -> Setup:
-        """Return the setup after `move`; a coordinate that would leave its limits keeps its value."""
-        pose = super().moved(move, limits)
-        return Setup(
-            pose.x_mm,
-            pose.focal_depth_mm,
-            pose.angle_deg,
-            limits.kept("frequency_khz", self.frequency_khz, move.frequency_khz),
-            limits.kept("dynamic_range_db", self.dynamic_range_db, move.dynamic_range_db),
-        )
 
 
 def tuned(pose: Pose, array: LinearArray, imaging: Imaging) -> tuple[Pose, LinearArray, Imaging]:
@@ -58,14 +41,14 @@ def table_of(pose: Pose) -> tuple[int, int]:
 
 
 def as_row(pose: Pose) -> tuple[int, ...]:
-    """Return a pose as five numbers, the last two 0 where it has no settings."""
-    row = astuple(pose)
-    return row + (0,) * (5 - len(row))
+    """Return a pose as the numbers of all coordinates of the table, 0 for settings that it does not have."""
+    return tuple(getattr(pose, one.name, 0) for one in COORDINATES)
 
 
 def from_row(row: Sequence[int]) -> Pose:
     """Return the pose of which `as_row` gave the numbers."""
-    return Setup(*row) if row[3] else Pose(*row[:3])
+    values = {one.name: number for one, number in zip(COORDINATES, row, strict=True)}
+    return Setup(**values) if values["frequency_khz"] else Pose(**{name: values[name] for name in POSE})
 
 
 def in_words(pose: Pose) -> list[str]:

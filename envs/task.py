@@ -12,7 +12,6 @@ from usbench.envs.pose import LIMITS, Limits, Move, Pose, coordinates
 REWARDS = ("normalized", "paper")
 # Computed from the frame alone: see `image_reward.py`.
 IMAGE = "image"
-COORDINATES = coordinates(Pose())
 
 
 @dataclass(frozen=True)

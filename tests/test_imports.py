@@ -18,7 +18,7 @@ READERS = (
 )  # fmt: skip
 LEARNING = {"gymnasium", "torch", "stable_baselines3"}
 # What all of usbench stands on.
-GROUND = ("usbench.checks", "usbench.atomic", "usbench.anchors")
+GROUND = ("usbench.checks", "usbench.atomic", "usbench.anchors", "usbench.coordinates")
 
 
 def modules():

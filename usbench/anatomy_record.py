@@ -7,13 +7,13 @@ from types import MappingProxyType
 from typing import Any
 
 from usbench.checks import unknown
+from usbench.coordinates import POSE
 from usbench.envs.anatomy import Anatomy, Echogenicity, Placement, Recording
 from usbench.envs.pose import Pose
-from usbench.envs.task import COORDINATES
 from usbench.records import VOLUME, ConfigurationError
 
 KINDS: Mapping[str, type[Anatomy]] = MappingProxyType({"simulated": Echogenicity, "recorded": Recording})
-TARGET = {f"target_{name}": name for name in COORDINATES}
+TARGET = {f"target_{name}": name for name in POSE}
 PLACEMENT = tuple(field.name for field in fields(Placement))
 
 

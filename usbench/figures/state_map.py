@@ -6,27 +6,14 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
 
+from usbench.coordinates import BY_NAME
 from usbench.envs.task import Task
-
-_LABELS = {
-    "focal_depth_mm": "focal depth (mm)",
-    "angle_deg": "angle (degrees)",
-    "frequency_khz": "frequency (kHz)",
-    "dynamic_range_db": "dynamic range (dB)",
-}
-_UNITS = {
-    "focal_depth_mm": "{} mm deep",
-    "angle_deg": "{} degrees",
-    "frequency_khz": "{} kHz",
-    "dynamic_range_db": "{} dB",
-}
 
 
 def coordinates(task: Task) -> list[str]:
     """Return which coordinates vary beside the position."""
-    return [
-        key for key in task.coordinates if key in _LABELS and len({getattr(p, key) for p in task.states}) > 1
-    ]
+    _, *others = task.coordinates
+    return [key for key in others if len({getattr(pose, key) for pose in task.states}) > 1]
 
 
 def coordinate(task: Task) -> str:
@@ -40,8 +27,8 @@ def coordinate(task: Task) -> str:
 def name(task: Task, state: int) -> str:
     """Return a state in words, as "x 5 mm, 15 degrees"."""
     pose = task.states[state]
-    others = [_UNITS[key].format(getattr(pose, key)) for key in coordinates(task)]
-    return ", ".join([f"x {pose.x_mm} mm", *others])
+    shown = [task.coordinates[0], *coordinates(task)]
+    return ", ".join(BY_NAME[key].value.format(getattr(pose, key)) for key in shown)
 
 
 def draw(
@@ -81,7 +68,7 @@ def draw(
         angles="xy", scale_units="xy", scale=0.5, pivot="mid", width=0.006,
     )  # fmt: skip
     axis.plot(x[~moves], y[~moves], "o", color="black", markersize=4)
-    axis.set(title=task.title, xlabel="position of the probe (mm)", ylabel=_LABELS[key])
+    axis.set(title=task.title, xlabel=BY_NAME["x_mm"].label, ylabel=BY_NAME[key].label)
     if key == "focal_depth_mm":
         axis.invert_yaxis()
     else:

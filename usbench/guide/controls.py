@@ -2,8 +2,9 @@
 
 from dataclasses import dataclass
 
+from usbench.coordinates import POSE
 from usbench.envs.pose import Move
-from usbench.envs.task import COORDINATES, Task
+from usbench.envs.task import Task
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,7 @@ def controls(task: Task) -> list[Control]:
 
 
 def _row(move: Move) -> tuple[str, str, str, str]:
-    for name in COORDINATES:
+    for name in POSE:
         change = getattr(move, name)
         if change:
             return MOVES[name, 1 if change > 0 else -1]

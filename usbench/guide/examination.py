@@ -9,18 +9,18 @@ import numpy.typing as npt
 
 from usbench import suite
 from usbench.checks import whole_number
+from usbench.coordinates import POSE
 from usbench.envs import oracle
 from usbench.envs.frames import frame_store
 from usbench.envs.pose import Move
 from usbench.envs.probe import LinearArray
-from usbench.envs.task import COORDINATES
 from usbench.setting import Setting
 from usbench.watch import episode
 from usbench.watch.advice import Adviser
 from usbench.watch.moment import Advice
 
 # Tasks in which the probe is all that moves: the scanner's settings have no keys.
-GUIDED = tuple(name for name, task in suite.TASKS.items() if task.guidance.coordinates == COORDINATES)
+GUIDED = tuple(name for name, task in suite.TASKS.items() if task.guidance.coordinates == POSE)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from usbench.records.configuration import (
     TrialConfig,
     identity,
 )
-from usbench.records.episode import OF_A_PHANTOM, SETTINGS, Episode, Evaluation
+from usbench.records.episode import OF_A_PHANTOM, Episode, Evaluation
 from usbench.records.folder import (
     CHECKPOINTS,
     EPISODES,
@@ -31,7 +31,6 @@ __all__ = [
     "MAX_FRAMES",
     "MODEL",
     "OF_A_PHANTOM",
-    "SETTINGS",
     "TENSORBOARD",
     "TRIAL",
     "VOLUME",

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from usbench.coordinates import SETTINGS, TARGET
+
 # In `info` and in files where every episode has a phantom of its own.
-OF_A_PHANTOM = ("phantom", "target_x_mm", "target_focal_depth_mm", "target_angle_deg")
-# Of a start or final pose, in `info` and in files of tasks that change the scanner's settings.
-SETTINGS = ("frequency_khz", "dynamic_range_db")
+OF_A_PHANTOM = ("phantom", *TARGET)
 
 
 @dataclass(frozen=True, kw_only=True)

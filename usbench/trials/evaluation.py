@@ -12,13 +12,12 @@ import numpy.typing as npt
 import torch
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
-from usbench.records import OF_A_PHANTOM, SETTINGS, Evaluation
+from usbench.coordinates import BY_NAME
+from usbench.records import OF_A_PHANTOM, Evaluation
 from usbench.setting import Setting
 
 # Seed of the actions that a stochastic agent draws in evaluations; the episodes' own seeds are the suite's.
 ACTION_SEED = 20_190_001
-
-POSE_KEYS = ("x_mm", "focal_depth_mm", "angle_deg")
 
 
 class Agent(Protocol):
@@ -66,7 +65,7 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
         """Start an episode."""
         self._origin = self.unwrapped.np_random.bit_generator.state if seed is None else seed
         observation, info = self.env.reset(seed=seed, options=options)
-        self._pose_keys = [key for key in (*POSE_KEYS, *SETTINGS) if key in info]
+        self._pose_keys = [key for key in BY_NAME if key in info]
         self._start = {f"start_{key}": int(info[key]) for key in self._pose_keys}
         self._start |= {key: int(info[key]) for key in OF_A_PHANTOM if key in info}
         self._return = 0.0

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
+from usbench.coordinates import BY_NAME
 from usbench.setting import Setting
 
 
@@ -29,11 +30,4 @@ def optimum(setting: Setting, seed: int, options: Mapping[str, int] | None = Non
 
 def slip(noise: Mapping[str, Any]) -> str:
     """Return what `info["noise"]` did in words, empty if nothing; what the border blocked moved nothing."""
-    words = {
-        "x_mm": lambda change: f"{abs(change)} mm to the {'right' if change > 0 else 'left'}",
-        "focal_depth_mm": lambda change: f"{abs(change)} mm {'deeper' if change > 0 else 'shallower'}",
-        "angle_deg": lambda change: f"{abs(change)}° {'clockwise' if change > 0 else 'counter-clockwise'}",
-        "frequency_khz": lambda change: f"{abs(change) / 1e3:g} MHz {'up' if change > 0 else 'down'}",
-        "dynamic_range_db": lambda change: f"{abs(change)} dB {'wider' if change > 0 else 'narrower'}",
-    }
-    return ", ".join(words[name](change) for name, change in noise.items() if change)
+    return ", ".join(BY_NAME[name].change_in_words(change) for name, change in noise.items() if change)
