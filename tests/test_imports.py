@@ -6,6 +6,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from made_tables import made, seeds
+
+from usbench.results import tables
 
 ROOT = Path(__file__).parents[1]
 FOLDERS = {"usbench": "usbench", "usbench.envs": "envs", "usbench.agents": "agents"}
@@ -39,7 +42,7 @@ def imported(path, *, lazy=True):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}: relative import"
-            names |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
+            names |= {node.module} - {"usbench"} | {f"{node.module}.{alias.name}" for alias in node.names}
     return names
 
 
@@ -116,3 +119,40 @@ def test_readers_of_records_import_no_torch():
         "    assert not {'torch', 'stable_baselines3'} & set(sys.modules), name\n"
     )
     subprocess.run([sys.executable, "-P", "-c", code], check=True)
+
+
+@pytest.mark.parametrize(
+    "path", sorted((ROOT / "usbench" / "results").glob("*.py")), ids=lambda path: path.stem
+)
+def test_results_import_only_records_and_the_table_of_tasks(path):
+    assert not foreign(path, "usbench.results", "usbench.records", "usbench.tasks", *GROUND)
+
+
+@pytest.mark.parametrize(
+    "path", sorted((ROOT / "usbench" / "compare").glob("*.py")), ids=lambda path: path.stem
+)
+def test_comparisons_import_no_page_and_no_command(path):
+    # Of agents only the tables, which load no torch.
+    agents = ("agents.zoo", "agents.search_space")
+    allowed = ("compare", "trials", "figures", "results", "setting", "suite", "records", *agents)
+    assert not foreign(path, *(f"usbench.{name}" for name in allowed), *GROUND)
+
+
+def test_commands_on_records_load_no_torch_and_from_tables_no_simulator(finished, tmp_path):
+    tables.write(made(*seeds("vpg", [0.5, 0.6])), tmp_path / "leaderboard_files")
+    runs = str(finished.parent)
+    simulator, torch = {"numba", "cv2", "usbench.envs"}, {"torch", "stable_baselines3"}
+    commands = [
+        (["leaderboard"], simulator | torch),
+        (["plot", str(finished)], simulator | torch),
+        (["leaderboard", "--add", runs], torch),
+        (["leaderboard", "--runs", runs], torch),
+    ]
+    code = (
+        "import sys\n"
+        "from usbench import cli\n"
+        f"for argv, needless in {commands}:\n"
+        "    assert cli.main(argv) == 0\n"
+        "    assert not needless & set(sys.modules), argv\n"
+    )
+    subprocess.run([sys.executable, "-P", "-c", code], cwd=tmp_path, check=True)

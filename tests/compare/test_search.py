@@ -43,7 +43,7 @@ class Stopping(Quiet):
 
 def settings(steps=32, **changes):
     values = {"noise": 0.25, "seeds": 1, "steps": steps, **changes}
-    return search.resolve(values.pop("algo", "a2c"), values.pop("tasks", ["pp"]), **values)
+    return search.settings_of(values.pop("algo", "a2c"), values.pop("tasks", ["pp"]), **values)
 
 
 def run(out, n_candidates, progress=None, n_finalists=0, **changes):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.stats import mannwhitneyu
+from scipy.stats import mannwhitneyu, trim_mean
 
 from usbench.results import stats
 
@@ -35,6 +35,12 @@ def test_median_is_over_tasks_of_means_over_seeds():
 )
 def test_iqm_of_few_scores(n, expected):
     assert stats.iqm(np.arange(n)[:, np.newaxis]) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("n", range(1, 14))
+def test_iqm_is_scipys_to_the_last_bit(n):
+    stack = np.random.default_rng(n).normal(size=(5, n, 3))
+    assert np.array_equal(stats.iqm(stack), trim_mean(stack.reshape(5, -1), 0.25, axis=-1))
 
 
 def test_iqm_ignores_outliers_on_both_sides():

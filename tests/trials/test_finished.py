@@ -167,7 +167,7 @@ def test_single_trial_and_table_are_refused_too(finished):
 def test_comparison_says_it_and_runs_the_rest(finished, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(sweep.run.__kwdefaults__, "executor", lambda: ThreadPoolExecutor(1))
-    monkeypatch.setattr("usbench.compare.plan.FLOOR_AND_CEILING", ("stay",))
+    monkeypatch.setattr("usbench.compare.plan.REFERENCE_POLICIES", ("stay",))
     halve(finished / records.EVALUATIONS)
     argv = ["compare", "--algos", "vpg", "--tasks", "pp", "--noise", "0.5", "--seeds", "1", "--steps", "128"]
     assert cli.main(argv) == 1

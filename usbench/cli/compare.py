@@ -76,17 +76,18 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
 def _call(args: argparse.Namespace) -> None:
     """Run what is missing of a comparison, then write its leaderboard and figures."""
     from usbench.cli import sweep_progress
-    from usbench.compare import plan
+    from usbench.compare import plan, runs
+    from usbench.results import leaderboard
 
     jobs = None if args.jobs is None else plan.positive("jobs", args.jobs)
     planned = plan.plan(args.algos, args.tasks, args.noise, args.seeds, args.steps)
-    plan.prepare(args.leaderboard)
+    leaderboard.prepare(args.leaderboard)
     outcomes = [] if args.report_only else _run_missing(args, planned, jobs)
     # First: damaged records make no leaderboard.
     failed = sweep_progress.failures(outcomes)
     for line in failed:
         print(line, file=sys.stderr)
-    for path in plan.report(planned, args.out, args.leaderboard):
+    for path in runs.report(planned, args.out, args.leaderboard):
         print(path)
     if failed:
         raise RuntimeError(

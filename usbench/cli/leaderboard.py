@@ -36,20 +36,22 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
 
 def _call(args: argparse.Namespace) -> None:
     """Write a leaderboard and its figures again: of its tables, of a folder's trials, or of both."""
-    from usbench.compare import plan
     from usbench.figures import comparison
     from usbench.results import leaderboard, tables
 
     folder = leaderboard.files(args.leaderboard)
     if args.runs is not None or args.add is not None:
-        known, others = plan.gather(args.runs or args.add)
+        # Only here: the tables of a leaderboard need no simulator.
+        from usbench.compare import runs
+
+        known, others = runs.gather(args.runs or args.add)
         for name, task in others[["trial", "task"]].itertuples(index=False, name=None):
             print(
                 f"left out, as it is not {task} as it stands in the table of tasks: {name}", file=sys.stderr
             )
         if args.add is not None:
             known = _added(tables.read(folder), known)
-        tables.write(known, plan.prepare(args.leaderboard))
+        tables.write(known, leaderboard.prepare(args.leaderboard))
     known = tables.read(folder)
     for path in [*leaderboard.write(folder, args.leaderboard), *comparison.write(known, folder)]:
         print(path)

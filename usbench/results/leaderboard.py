@@ -7,7 +7,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from usbench.anchors import Anchors
 from usbench.atomic import atomic_file
+from usbench.records import ConfigurationError
 from usbench.results import held_out, provenance, scores, stats, tables, verdict
 from usbench.results.scores import CELL, ROW, SCORED, cell_name
 from usbench.results.tables import DRAWN, Results
@@ -43,6 +45,24 @@ over training, by the trapezoid rule. A dash stands where a column says nothing 
 def files(path: Path) -> Path:
     """Return the folder of the tables and figures that belong to the leaderboard `path`."""
     return path.with_name(f"{path.stem}_files")
+
+
+def prepare(path: Path) -> Path:
+    """Return the folder for the tables and figures beside the leaderboard `path`, made if need be.
+
+    Raises:
+        ConfigurationError: If nothing can be written there; better before hours of trials than after.
+    """
+    try:
+        if path.is_dir():
+            raise IsADirectoryError(None, "it is a folder")
+        folder = files(path)
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigurationError(
+            f"the leaderboard {str(path)!r} cannot be written ({error.strerror}): choose another file."
+        ) from error
+    return folder
 
 
 def write(folder: Path, path: Path) -> list[Path]:
@@ -88,7 +108,7 @@ def markdown(known: Results, tested: pd.DataFrame | None = None) -> str:
 
 
 def _overall(trials: pd.DataFrame, matrices: Mapping[str, stats.Array]) -> str:
-    """Return the table of all cells together: those that learn first, then floor and ceiling, best first."""
+    """Return the table of all cells together: those that learn first, then reference policies, best first."""
     table = scores.overall(matrices)
     fixed = table["algo"].map(trials.groupby("algo")["steps"].max()) == 0
     asked = np.where(fixed, table["seeds"], scores.seeds_asked(trials))
@@ -136,17 +156,16 @@ def _anchors(trials: pd.DataFrame) -> str:
     # As precise as is shown: where frames are rewards, another kind of processor changes the fifth digit.
     if len(known[["optimal", "random", "stay"]].round(2).drop_duplicates()) > 1:
         return "The trials are from different environments: each has exact returns of its own."
-    first = known.iloc[0]
-    stay = (first["stay"] - first["random"]) / (first["optimal"] - first["random"])
+    anchors = Anchors(**known.iloc[0][["optimal", "random", "stay"]])
     return (
-        f"Exact returns: optimum {_number(first['optimal'], 2)} (score 1), random hand "
-        f"{_number(first['random'], 2)} (score 0), never moving {_number(first['stay'], 2)} "
-        f"(score {_number(stay, 2)})."
+        f"Exact returns: optimum {_number(anchors.optimal, 2)} (score 1), random hand "
+        f"{_number(anchors.random, 2)} (score 0), never moving {_number(anchors.stay, 2)} "
+        f"(score {_number(anchors.score(anchors.stay), 2)})."
     )
 
 
 def _cell(rows: pd.DataFrame) -> str:
-    """Return the table of one task and noise: those that learn first, then floor and ceiling, best first."""
+    """Return the table of one task and noise: those that learn first, then reference policies, best first."""
     drawn = rows[rows["actions"] == DRAWN].set_index(ROW)
     table = rows[rows["actions"] == SCORED]
     table = table.assign(fixed=table["steps"] == 0, variant=table["algo"].duplicated(keep=False))

@@ -36,10 +36,7 @@ def parts(results: Results) -> dict[str, Results]:
     papers = results.trials["task"].isin(PAPER)
     if not (learning & papers).any() or not (learning & ~papers).any():
         return {ALL: results}
-    return {
-        name: Results(own, results.curves[results.curves["trial"].isin(own["trial"])])
-        for name, own in ((PAPERS, results.trials[papers]), (OTHERS, results.trials[~papers]))
-    }
+    return {PAPERS: results.of(results.trials[papers]), OTHERS: results.of(results.trials[~papers])}
 
 
 def environments(trials: pd.DataFrame) -> pd.Series:

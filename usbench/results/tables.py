@@ -74,6 +74,10 @@ class Results:
     trials: pd.DataFrame
     curves: pd.DataFrame
 
+    def of(self, trials: pd.DataFrame) -> "Results":
+        """Return the results of some of its trials alone, which are rows of its table."""
+        return Results(trials, self.curves[self.curves["trial"].isin(trials["trial"])])
+
 
 def collect(runs: Path, planned: Collection[TrialConfig] = ()) -> Results:
     """Read the trials in the folder `runs`.
@@ -90,16 +94,16 @@ def collect(runs: Path, planned: Collection[TrialConfig] = ()) -> Results:
     if not runs.is_dir():
         raise FileNotFoundError(f"there is no folder {str(runs)!r} with trials.")
     if planned:
-        rows = [_row(config, Trial.find(runs / config.folder_name)) for config in _once(planned)]
+        found = [(config, Trial.find(runs / config.folder_name)) for config in _once(planned)]
     else:
-        rows = [_row(trial.config, trial) for trial in records.find_all(runs)]
-    trials = pd.DataFrame(rows, columns=list(TRIAL_COLUMNS))
+        found = [(trial.config, trial) for trial in records.find_all(runs)]
+    trials = pd.DataFrame([_row(config, trial) for config, trial in found], columns=list(TRIAL_COLUMNS))
     twice = trials[trials.duplicated(["configuration", "seed"], keep=False)]
     if not twice.empty:
         raise ValueError(f"{' and '.join(twice['trial'].head(2))} are the same trial: remove one of them.")
     trials = trials.sort_values(ORDER, ignore_index=True)
-    finished = trials.loc[trials["status"] == "finished", ["trial", "task", "steps"]]
-    curves = [_curves(runs, *row) for row in finished.itertuples(index=False, name=None)]
+    finished = {trial.name: trial for _, trial in found if trial and trial.status == "finished"}
+    curves = [_curves(finished[name]) for name in trials["trial"] if name in finished]
     return Results(
         _typed(trials, TRIAL_COLUMNS),
         _typed(pd.concat(curves) if curves else pd.DataFrame(columns=list(CURVE_COLUMNS)), CURVE_COLUMNS),
@@ -135,8 +139,7 @@ def repeated(known: Results, added: Results) -> tuple[list[str], list[str]]:
 def _others(known: Results, trials: pd.DataFrame) -> Results:
     """Return the results of all trials but `trials`."""
     own, left_out = (pd.MultiIndex.from_frame(table[ORDER]) for table in (known.trials, trials))
-    rest = known.trials[~own.isin(left_out)]
-    return Results(rest, known.curves[known.curves["trial"].isin(rest["trial"])])
+    return known.of(known.trials[~own.isin(left_out)])
 
 
 def write(results: Results, folder: Path) -> list[Path]:
@@ -218,25 +221,25 @@ def digest(value: Mapping[str, Any]) -> str:
     return hashlib.sha256(canonical.encode()).hexdigest()[:8]
 
 
-def _curves(runs: Path, trial: str, task: str, steps: int) -> pd.DataFrame:
+def _curves(trial: Trial) -> pd.DataFrame:
     """Return the rows of a finished trial: every kind of episode, every step.
 
     Raises:
         ValueError: If the evaluation after the last step is not there.
     """
-    evaluations = records.load(runs / trial)
+    evaluations, steps = trial.evaluations(), trial.config.steps
     if evaluations.empty or evaluations["checkpoint"].max() != steps:
-        raise ValueError(f"{trial} is finished, but its evaluation at step {steps} is missing.")
+        raise ValueError(f"{trial.name} is finished, but its evaluation at step {steps} is missing.")
     kinds = evaluations["deterministic"].map({False: DRAWN, True: GREEDY})
-    longest = row_of(task).n_steps
+    longest = row_of(trial.config.task).n_steps
     parts = [_means(evaluations, kinds, evaluations["checkpoint"], evaluations["step"], longest)]
-    episodes = records.load(runs / trial, "episodes")
+    episodes = trial.episodes()
     if not episodes.empty:
         part = -(-episodes["step"] * TRAINING_PARTS // steps)
         kinds, step = pd.Series(TRAINING, index=episodes.index), part * steps // TRAINING_PARTS
         parts.append(_means(episodes, kinds, step, step, longest))
     curves = pd.concat(parts, ignore_index=True)
-    curves.insert(0, "trial", trial)
+    curves.insert(0, "trial", trial.name)
     return curves.sort_values(["kind", "step"])
 
 

@@ -1,0 +1,43 @@
+"""From folders of trials to the tables of a leaderboard."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import pandas as pd
+
+from usbench.figures import comparison
+from usbench.records import ConfigurationError, TrialConfig
+from usbench.results import leaderboard, scores, tables
+from usbench.results.tables import Results
+from usbench.setting import Setting
+
+
+def gather(runs: Path) -> tuple[Results, pd.DataFrame]:
+    """Return the results of all trials in `runs` that can be compared, and the rows of the others.
+
+    The others have another environment than their task's: a custom anatomy, another probe, imaging or reward.
+
+    Raises:
+        ConfigurationError: If there is no trial, or one is on a task that is not installed.
+        FileNotFoundError: If there is no such folder.
+        ValueError: If a record is broken.
+    """
+    known = tables.collect(runs)
+    if known.trials.empty:
+        raise ConfigurationError(
+            f"there is no trial in {str(runs)!r}: usbench run and usbench compare make some."
+        )
+    own = {task: tables.digest(Setting(task=task).record()) for task in set(known.trials["task"])}
+    fits = scores.environments(known.trials) == known.trials["task"].map(own)
+    return known.of(known.trials[fits]), known.trials[~fits]
+
+
+def report(planned: Sequence[TrialConfig], out: Path, path: Path) -> list[Path]:
+    """Write leaderboard, scores, tables and figures from the records in `out`; return where they are.
+
+    Only the planned trials count; those without a finished record are named in the leaderboard.
+    """
+    folder = leaderboard.prepare(path)
+    known = tables.collect(out, planned)
+    tables.write(known, folder)
+    return [*leaderboard.write(folder, path), *comparison.write(known, folder)]
