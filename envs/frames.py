@@ -2,8 +2,8 @@
 
 One file per (phantom, array, imaging, simulator): its name is a hash of all four, where "simulator" means the
 sources that compute a frame, the versions of the libraries under them and the processor; an image's content
-is part of its phantom. `cache.py` writes it atomically and checks it; what does not fit is simulated again,
-never served.
+is part of its phantom. `frame_files.py` writes it atomically and checks it; what does not fit is simulated
+again, never served.
 """
 
 from __future__ import annotations

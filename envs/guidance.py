@@ -31,7 +31,7 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
         reward: "normalized", "paper" or "image", which is computed from the frame alone.
         phantom: The tissue that is examined: a `Phantom` or a custom `Anatomy`.
         probe: The transducer.
-        imaging: How RF becomes an image.
+        imaging: How RF becomes an image; the observation space has its size.
         render_mode: None or "rgb_array".
 
     Attributes:

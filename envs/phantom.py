@@ -186,8 +186,8 @@ def _scatterers(phantom: Phantom) -> tuple[npt.NDArray[np.float64], npt.NDArray[
 
     Two populations: round(density * volume) positions, uniform over the whole phantom for the tissue and over
     the object's bounding box for the object; kept are those of the first that lie outside all balls and those
-    of the second that lie inside one. The tissue is drawn first and the object in its own frame: with one
-    seed, an object that moves takes its speckle along and leaves that of the tissue around it unchanged.
+    of the second that lie inside one. The tissue is drawn first, the object in coordinates around its body:
+    with one seed, an object that moves takes its speckle along and leaves that of the tissue unchanged.
     """
     rng = np.random.default_rng(phantom.seed)
     ooi = phantom.object_of_interest

@@ -59,7 +59,7 @@ def scan_batch(
 ) -> npt.NDArray[np.uint8]:
     """Return the frames of many phantoms and poses at once, (n, height_px, width_px) uint8.
 
-    The same bits as `scan` one by one, faster: every core makes frames of its own.
+    The same bits as `scan` one by one, faster: every core makes other frames.
     """
     frames = np.empty((len(scenes), imaging.height_px, imaging.width_px), dtype=np.uint8)
 

@@ -1,4 +1,4 @@
-"""A user's own anatomy: from the words of a command to the phantom, into the records of a trial, and back."""
+"""A custom anatomy: from the words of a command to the phantom, into the records of a trial, and back."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, fields
@@ -41,7 +41,7 @@ def read(path: Path, settings: Mapping[str, Any], *, looking: bool = False) -> A
         target = {TARGET[name]: value for name, value in given.items() if name in TARGET}
         if not target and not looking:
             raise ValueError(
-                "a phantom of one's own needs the pose that shows best what is looked for: target_x_mm and "
+                "a custom anatomy needs the pose that shows best what is looked for: target_x_mm and "
                 "target_angle_deg, or target_focal_depth_mm."
             )
         return KINDS[kind].read(
@@ -62,7 +62,7 @@ def plain(anatomy: Anatomy) -> dict[str, Any]:
 
 
 def recorded(environment: Mapping[str, Any]) -> Anatomy | None:
-    """Return the anatomy in the configuration that a trial has recorded; None if it has none of its own.
+    """Return the anatomy in the configuration that a trial has recorded; None if it has the task's phantom.
 
     Its file is read when a frame is made that is not kept.
 

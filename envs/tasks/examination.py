@@ -80,15 +80,16 @@ class ExaminationEnv(GuidanceEnv):
     The probe's centre stays in [-20, 20] mm and its focus in [5, 90] mm: a move beyond is not made.
 
     ## Observation Space
-    `Box(0, 255, (90, 40, 1), uint8)`: the B-mode frame, 1 mm per pixel (depth, lateral, channel). The truth
-    is in `info` only: `x_mm`, `focal_depth_mm`, `angle_deg`, `distance_mm` (L1 from the focal point to the
-    object's centre), `sin_angle`, `noise` and `is_success` (no distance and in plane).
+    `Box(0, 255, (height_px, width_px, 1), uint8)`: the B-mode frame (depth, lateral, channel), its size and
+    pixels those of `imaging`; by default (90, 40, 1) and 1 mm. The truth is in `info` only: `x_mm`,
+    `focal_depth_mm`, `angle_deg`, `distance_mm` (L1 from the focal point to the object's centre),
+    `sin_angle`, `noise` and `is_success` (no distance and in plane).
 
     ## Rewards
     For the pose after the action and before the noise: `"normalized"`: -(|x - x_o| / 20 + |z - z_o| / 50 +
     |sin(angle - angle_o)|); `"paper"`: the same with both distances in mm.
-    `"image"`: how much the frame looks like the standard view of the object, less 1 (`likeness.py`); `info`
-    then also holds `true_reward`, the normalized one.
+    `"image"`: how much the frame looks like the standard view of the object, less 1 (`image_reward.py`);
+    `info` then also holds `true_reward`, the normalized one.
 
     ## Episode End
     Truncated after 24 steps, never terminated. Starts: x in {-20, -15, ..., 20} mm, focus in {5, 10, ..., 90}

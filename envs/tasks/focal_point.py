@@ -57,17 +57,17 @@ class FocalPointEnv(GuidanceEnv):
     deeper). The probe's centre stays in [-20, 20] mm and its focus in [5, 90] mm: a move beyond is not made.
 
     ## Observation Space
-    `Box(0, 255, (90, 40, 1), uint8)`: the B-mode frame, 1 mm per pixel (depth, lateral, channel). The truth
-    is in `info` only: `x_mm`, `focal_depth_mm`, `angle_deg`, `distance_mm` (L1 from the focal point to the
-    object's centre), `sin_angle` (signed, of the angle between image plane and object), `noise` (what was
-    displaced and by how much, 0 if blocked at the border; empty without noise) and `is_success` (focal point
-    at the centre).
+    `Box(0, 255, (height_px, width_px, 1), uint8)`: the B-mode frame (depth, lateral, channel), its size and
+    pixels those of `imaging`; by default (90, 40, 1) and 1 mm. The truth is in `info` only: `x_mm`,
+    `focal_depth_mm`, `angle_deg`, `distance_mm` (L1 from the focal point to the object's centre), `sin_angle`
+    (signed, of the angle between image plane and object), `noise` (what was displaced and by how much, 0 if
+    blocked at the border; empty without noise) and `is_success` (focal point at the centre).
 
     ## Rewards
     For the pose after the action and before the noise, with x_o and z_o the object's: `"normalized"`: -(|x -
     x_o| / 20 + |z - z_o| / 50); `"paper"`, Eq. 1: -(|x - x_o| + |z - z_o|), in mm.
-    `"image"`: how much the frame looks like the standard view of the object, less 1 (`likeness.py`); `info`
-    then also holds `true_reward`, the normalized one.
+    `"image"`: how much the frame looks like the standard view of the object, less 1 (`image_reward.py`);
+    `info` then also holds `true_reward`, the normalized one.
 
     ## Episode End
     Truncated after 16 steps, never terminated. Starts: x in {-20, -15, ..., 20} mm, focus at 10 mm, angle 0;

@@ -27,7 +27,7 @@ PHANTOM = Phantom(
     tissue_density_per_mm3=Phantom().object_density_per_mm3,
     attenuation_db_per_cm_mhz=0.5,
 )
-# Mean grey levels of cyst and tissue lie so many standard deviations apart where the image is good.
+# Standard deviations between the mean grey levels of cyst and tissue from which on an image is good.
 GOOD = 2.0
 
 
@@ -124,11 +124,11 @@ class ImagingSetupEnv(GuidanceEnv):
     frequency in [2, 5] MHz and the range in [20, 90] dB: a move beyond is not made.
 
     ## Observation Space
-    `Box(0, 255, (90, 40, 1), uint8)`: the B-mode frame, 1 mm per pixel (depth, lateral, channel). The truth
-    is in `info` only: `x_mm`, `focal_depth_mm`, `angle_deg`, `frequency_khz`, `dynamic_range_db`,
-    `contrast_to_noise` of the frame, `distance_mm` (from the focus to the depth of the cyst), `sin_angle`,
-    `noise` (which knob slipped and by how much, 0 if blocked at its end) and `is_success` (a
-    contrast-to-noise ratio of at least 2).
+    `Box(0, 255, (height_px, width_px, 1), uint8)`: the B-mode frame (depth, lateral, channel), its size and
+    pixels those of `imaging`; by default (90, 40, 1) and 1 mm. The truth is in `info` only: `x_mm`,
+    `focal_depth_mm`, `angle_deg`, `frequency_khz`, `dynamic_range_db`, `contrast_to_noise` of the frame,
+    `distance_mm` (from the focus to the depth of the cyst), `sin_angle`, `noise` (which knob slipped and by
+    how much, 0 if blocked at its end) and `is_success` (a contrast-to-noise ratio of at least 2).
 
     ## Rewards
     The contrast-to-noise ratio of cyst and tissue beside it, of the frame after the action and before the

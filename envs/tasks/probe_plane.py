@@ -59,18 +59,18 @@ class ProbePlaneEnv(GuidanceEnv):
     a move beyond is not made. Angles have no limit and count modulo 360.
 
     ## Observation Space
-    `Box(0, 255, (90, 40, 1), uint8)`: the B-mode frame, 1 mm per pixel (depth, lateral, channel). The truth
-    is in `info` only: `x_mm`, `focal_depth_mm`, `angle_deg`, `distance_mm` (lateral, from the probe to the
-    object's centre), `sin_angle` (signed, of the angle between image plane and object), `noise` (what was
-    displaced and by how much, 0 if blocked at the border; empty without noise) and `is_success` (over the
-    centre and in plane).
+    `Box(0, 255, (height_px, width_px, 1), uint8)`: the B-mode frame (depth, lateral, channel), its size and
+    pixels those of `imaging`; by default (90, 40, 1) and 1 mm. The truth is in `info` only: `x_mm`,
+    `focal_depth_mm`, `angle_deg`, `distance_mm` (lateral, from the probe to the object's centre), `sin_angle`
+    (signed, of the angle between image plane and object), `noise` (what was displaced and by how much, 0 if
+    blocked at the border; empty without noise) and `is_success` (over the centre and in plane).
 
     ## Rewards
     For the pose after the action and before the noise, with x_o and angle_o the object's: `"normalized"`:
     -(|x - x_o| / 20 + |sin(angle - angle_o)|); `"paper"`, Eq. 2: -(|x - x_o| + |sin(angle - angle_o)|), x in
     mm.
-    `"image"`: how much the frame looks like the standard view of the object, less 1 (`likeness.py`); `info`
-    then also holds `true_reward`, the normalized one.
+    `"image"`: how much the frame looks like the standard view of the object, less 1 (`image_reward.py`);
+    `info` then also holds `true_reward`, the normalized one.
 
     ## Episode End
     Truncated after 16 steps, never terminated. Starts: x in {-15, -10, ..., 15} mm, angle in {45, 60, 75, 90}

@@ -1,4 +1,4 @@
-"""Phantoms that differ from episode to episode: what an agent finds in tissue that it has never seen."""
+"""Tasks with a new phantom in every episode: an agent is evaluated on phantoms that training never meets."""
 
 from __future__ import annotations
 
@@ -123,11 +123,12 @@ PROBE_PLANE_RANDOM = replace(
 
 
 class FocalPointRandomEnv(RandomPhantomEnv):
-    """Find the position of the probe and the depth of its focus, in tissue that was never seen before.
+    """Find the position of the probe and the depth of its focus, in an unseen phantom.
 
     ## Description
     The task of `FocalPointEnv` with a new phantom in every episode: other speckle, and an object of another
-    size and contrast at another place and in another orientation. What was learnt by heart is of no use.
+    size and contrast at another place and in another orientation. An agent that has learnt one phantom by
+    heart gains nothing.
 
     ## Action Space
     As in `FocalPointEnv`.
@@ -153,11 +154,12 @@ class FocalPointRandomEnv(RandomPhantomEnv):
 
 
 class ProbePlaneRandomEnv(RandomPhantomEnv):
-    """Find the position and the rotation of the probe, in tissue that was never seen before.
+    """Find the position and the rotation of the probe, in an unseen phantom.
 
     ## Description
     The task of `ProbePlaneEnv` with a new phantom in every episode: other speckle, and an object of another
-    size and contrast at another place and in another orientation. What was learnt by heart is of no use.
+    size and contrast at another place and in another orientation. An agent that has learnt one phantom by
+    heart gains nothing.
 
     ## Action Space
     As in `ProbePlaneEnv`.
