@@ -26,7 +26,7 @@ def _drawn_frames(quick, monkeypatch):
 
 
 def exact(task, noise=0.0):
-    return agents.open_oracle(task, noise)
+    return agents.open_oracle(Setting(task=task, noise=noise))
 
 
 @pytest.mark.parametrize(
@@ -97,7 +97,7 @@ def test_optimum_is_the_plans_value_at_the_start():
     assert examination.optimum[-1] == pytest.approx(oracle.policy("fp").value(0, examination.pose))
 
 
-def test_score_is_0_for_a_random_hand_and_1_for_the_optimum():
+def test_score_is_0_for_the_random_agent_and_1_for_the_optimum():
     examination, anchors = (
         Examination(Setting(task="pp", noise=0.25), 0),
         Setting(task="pp", noise=0.25).anchors(),

@@ -67,6 +67,11 @@ def test_buttons_answer_with_the_new_state(url):
     assert json.loads(ask(url + "begin", {})[1])["step"] == 0
 
 
+def test_questions_change_nothing(url):
+    first = ask(url + "state")
+    assert ask(url + "state") == first == ask(url + "update", {})
+
+
 @pytest.mark.parametrize(
     ("route", "body", "sentence"),
     [

@@ -5,14 +5,20 @@ import sys
 import time
 
 import pytest
+from quick_trials import speed_up
 
 from usbench import records
 from usbench.envs import guidance
+from usbench.envs.bmode import Imaging
+from usbench.envs.probe import LinearArray
 from usbench.guide import agents, examination
 from usbench.guide import training as guide_training
 from usbench.guide.agents import ORACLE, Known
 from usbench.guide.session import Session
 from usbench.records import ConfigurationError
+from usbench.setting import Setting
+from usbench.trials import runner
+from usbench.trials.configuration import resolve
 
 LEFT, RIGHT, TURN_BACK, TURN = 1, 2, 3, 4
 
@@ -27,10 +33,6 @@ def session(tmp_path):
     session = Session(tmp_path, seed=0)
     yield session
     session.close()
-
-
-def exact(task, noise=0.0):
-    return agents.open_oracle(task, noise)
 
 
 def test_without_a_trial_the_optimum_advises_and_a_training_is_offered(session):
@@ -101,6 +103,50 @@ def test_unknown_choice_is_refused_and_changes_nothing(session, choice):
     assert session.state()["message"] == "" and session.state()["task"] == "pp"
 
 
+WIDE = LinearArray(n_lines=96)
+SQUARE = Imaging(height_px=128, width_px=128, pixel_size=0.5e-3)
+
+
+@pytest.fixture(scope="module")
+def square(tmp_path_factory):
+    """The folder of a trial with a probe and an imaging that are not the default."""
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        speed_up(monkeypatch)
+        config = resolve("vpg", "pp", steps=64, probe=WIDE, imaging=SQUARE)
+        return runner.run_trial(config, tmp_path_factory.mktemp("runs")).folder
+
+
+def test_trial_opens_with_its_own_probe_and_imaging(square, tmp_path):
+    session = Session(tmp_path / "nothing", square, seed=0)
+    assert (session.setting.probe, session.setting.imaging) == (WIDE, SQUARE)
+    state = session.state()
+    assert state["shape"] == (128, 128) and state["frame_mm"] == [64, 64] and state["probe"]["width"] == 60
+    assert state["agent"] == square.name and state["advice"]
+    session.choose(task="fp", noise=0.25)
+    assert session.state()["shape"] == (128, 128)
+
+
+def test_agents_of_another_probe_or_imaging_do_not_advise(square, finished):
+    for runs, own, what in [
+        (square.parent, {}, "imaging or probe"),
+        (square.parent, {"probe": WIDE}, "imaging"),
+        (finished.parent, {"probe": WIDE}, "probe"),
+    ]:
+        state = Session(runs, seed=0, **own).state()
+        assert state["agent"] == ORACLE and [agent["name"] for agent in state["agents"]] == [ORACLE]
+        assert state["untrained"].startswith(f"Every agent of this task was trained with another {what};")
+    with pytest.raises(ConfigurationError, match=r"does not fit: .* trained with another imaging\.$"):
+        Session(square.parent, square, imaging=Imaging())
+
+
+def test_training_is_for_the_default_probe_and_imaging(tmp_path):
+    session = Session(tmp_path, seed=0, imaging=SQUARE)
+    state = session.state()
+    assert not state["training"]["offered"] and state["untrained"].startswith("No agent is trained")
+    with pytest.raises(ConfigurationError, match="default anatomy, probe and imaging"):
+        session.train()
+
+
 def test_folder_that_is_no_trial_is_refused(tmp_path):
     with pytest.raises(ConfigurationError, match="not the folder of a trial"):
         Session(tmp_path, tmp_path)
@@ -125,7 +171,7 @@ def test_broken_trials_are_left_out(finished):
 
 def test_best_agent_is_of_the_task_and_rather_of_the_noise(tmp_path):
     trials = [
-        Known(tmp_path / name, task, noise, "", score)
+        Known(tmp_path / name, Setting(task=task, noise=noise), "", score)
         for name, task, noise, score in [
             ("a", "pp", 0.25, 0.5),
             ("b", "pp", 0.25, 0.6),
@@ -134,9 +180,9 @@ def test_best_agent_is_of_the_task_and_rather_of_the_noise(tmp_path):
             ("e", "pp", 0.25, None),
         ]
     ]
-    assert agents.best(trials, "pp", 0.25).name == "b"
-    assert agents.best(trials, "pp", 0.5).name == "c"
-    assert agents.best(trials[:3], "fp", 0.0) is None
+    assert agents.best(trials, Setting(task="pp", noise=0.25)).name == "b"
+    assert agents.best(trials, Setting(task="pp", noise=0.5)).name == "c"
+    assert agents.best(trials[:3], Setting(task="fp")) is None
 
 
 def wait_for_training(session):
@@ -144,12 +190,13 @@ def wait_for_training(session):
     deadline = time.monotonic() + 60
     while session.state()["training"]["status"] == "running" and time.monotonic() < deadline:
         time.sleep(0.02)
+        session.update()
     return session.state()["training"]
 
 
 def leaving(finished, monkeypatch):
     """Let a training leave `finished` where `usbench run` would, all at once; return the name there."""
-    name = guide_training.resolve("dqn", "pp", steps=guide_training.STEPS).folder_name
+    name = resolve("dqn", "pp", steps=guide_training.STEPS).folder_name
     copy = (
         f"import os, shutil, sys; runs = sys.argv[-2]; shutil.copytree({str(finished)!r}, runs + '.part'); "
         f"os.makedirs(runs, exist_ok=True); os.rename(runs + '.part', runs + '/{name}')"
@@ -163,6 +210,19 @@ def test_trained_agent_takes_over_from_the_optimum(session, finished, monkeypatc
     assert wait_for_training(session)["status"] == "finished"
     assert session.agent == name and session.message.startswith("Trained: ")
     assert not session.state()["training"]["offered"]
+
+
+def test_asking_for_the_state_switches_nothing(session, finished, monkeypatch):
+    name = leaving(finished, monkeypatch)
+    session.train()
+    session.training._process.wait(timeout=60)
+    assert session.state() == session.state()
+    assert session.agent == ORACLE and session.state()["training"]["status"] == "running"
+    session.update()
+    assert session.agent == name and session.state() == session.state()
+    session.choose(agent=ORACLE)
+    session.update()
+    assert session.agent == ORACLE
 
 
 def test_training_that_leaves_no_model_changes_nothing(session, finished, monkeypatch):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -46,7 +47,6 @@ def _call(args: argparse.Namespace) -> None:
     from usbench.cli import console
     from usbench.guide import server
     from usbench.guide.session import Session
-    from usbench.setting import Setting
     from usbench.tasks import PAPER
 
     with server.listening(args.port) as listener:
@@ -54,6 +54,6 @@ def _call(args: argparse.Namespace) -> None:
         bars = console.Bars()
         # Of other tasks there are thousands: they are simulated as the probe moves.
         for task in sorted({*session.tasks} & {*PAPER}):
-            Setting(task=task, anatomy=session.anatomy).prepare_frames(bars.frames)
+            replace(session.setting, task=task).prepare_frames(bars.frames)
         bars.close()
         server.serve(session, listener, browser=not args.no_browser)

@@ -5,9 +5,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from usbench import records, suite
+from usbench import records
 from usbench.agents import zoo
-from usbench.envs.anatomy import Anatomy
 from usbench.guide.examination import GUIDED, Opened
 from usbench.records import ConfigurationError, Trial
 from usbench.setting import Setting
@@ -15,6 +14,8 @@ from usbench.trials.model_loading import load_agent
 from usbench.watch.advice import Adviser
 
 ORACLE = "oracle"
+# What an agent has learned to read: in other images its advice means nothing.
+SEEN = ("anatomy", "probe", "imaging")
 
 
 @dataclass(frozen=True)
@@ -23,24 +24,29 @@ class Known:
 
     Attributes:
         folder: Of the trial.
-        task: What it was trained on.
-        noise: What it was trained with.
+        setting: What the agent was trained in.
         label: What the page calls it.
-        score: Normalised score of its last evaluation with likeliest actions; None if there is none.
-        anatomy: One's own that it was trained in; None for the task's phantom.
+        score: Normalised score of its last evaluation with greedy actions; None if there is none.
     """
 
     folder: Path
-    task: str
-    noise: float
+    setting: Setting
     label: str
     score: float | None
-    anatomy: Anatomy | None = None
 
     @property
     def name(self) -> str:
         """Name of the trial."""
         return self.folder.name
+
+    @property
+    def task(self) -> str:
+        """The task on which the agent was trained."""
+        return self.setting.task
+
+    def differences(self, setting: Setting) -> list[str]:
+        """Return which of `SEEN` the agent was trained with otherwise than in `setting`."""
+        return [name for name in SEEN if getattr(self.setting, name) != getattr(setting, name)]
 
 
 def find(runs: Path) -> list[Known]:
@@ -64,35 +70,34 @@ def known(folder: Path) -> Known:
     return trial
 
 
-def best(trials: Iterable[Known], task: str, noise: float) -> Known | None:
-    """Return the best agent of `task`, one trained with this noise before all others."""
-    fitting = [trial for trial in trials if trial.task == task and trial.score is not None]
-    return max(fitting, key=lambda trial: (trial.noise == noise, trial.score), default=None)
+def best(trials: Iterable[Known], setting: Setting) -> Known | None:
+    """Return the best agent of the setting's task; one trained with the setting's noise comes first."""
+    fitting = [trial for trial in trials if trial.task == setting.task and trial.score is not None]
+    return max(fitting, key=lambda trial: (trial.setting.noise == setting.noise, trial.score), default=None)
 
 
-def open_trial(trial: Known, task: str) -> Opened:
+def open_trial(trial: Known, setting: Setting) -> Opened:
     """Open the agent of a trial; nothing in its files is run.
 
     Raises:
-        ConfigurationError: If it does not fit `task` or cannot be opened; one sentence says why.
+        ConfigurationError: If it does not fit `setting` or cannot be opened; one sentence says why.
     """
-    if trial.task != task:
-        own, asked = (_title(name) for name in (trial.task, task))
+    if trial.task != setting.task:
+        own, asked = (f"{one.guidance.title!r} ({one.task})" for one in (trial.setting, setting))
         raise ConfigurationError(
             f"This model does not fit: {trial.name} was trained on the task {own}, not on {asked}."
+        )
+    if others := trial.differences(setting):
+        raise ConfigurationError(
+            f"This model does not fit: {trial.name} was trained with another {' and another '.join(others)}."
         )
     loaded = load_agent(trial.folder)
     return Opened(Adviser(loaded.agent), loaded.config.n_frames)
 
 
-def open_oracle(task: str, noise: float) -> Opened:
+def open_oracle(setting: Setting) -> Opened:
     """Return the exact optimum as an agent: it knows where the probe and the object are."""
-    setting = Setting(task=task, noise=noise)
     return Opened(Adviser(zoo.make("oracle", setting.make_env(), 0, {}, policy=setting.planner())))
-
-
-def _title(task: str) -> str:
-    return f"{suite.TASKS[task].guidance.title!r} ({task})"
 
 
 def _known(folder: Path) -> Known | None:
@@ -100,20 +105,23 @@ def _known(folder: Path) -> Known | None:
     try:
         trial = Trial.read(folder)
         config, score = trial.config, _score(trial)
-        algo, task, noise = config.algo, config.task, config.noise
-        if task not in GUIDED or not (folder / records.MODEL).is_file():
+        if config.task not in GUIDED or not (folder / records.MODEL).is_file():
             return None
-        if algo in zoo.ZOO and not zoo.ZOO[algo].learns:
+        if config.algo in zoo.ZOO and not zoo.ZOO[config.algo].learns:
             return None
-        anatomy = Setting.recorded(config).anatomy
-        label = f"{algo}, seed {config.seed}, noise {noise:g}"
+        setting = Setting.recorded(config)
+        label = f"{config.algo}, seed {config.seed}, noise {config.noise:g}"
     except (ValueError, TypeError, KeyError, OSError):
         return None
     label += "" if score is None else f", score {score:.2f}"
-    return Known(folder, task, noise, label, score, anatomy)
+    return Known(folder, setting, label, score)
 
 
 def _score(trial: Trial) -> float | None:
+    """Return the score of the last evaluation with greedy actions.
+
+    Only its lines are parsed: `Trial.last_evaluation` takes 49 ms for a trial of the benchmark, 10 s for 200.
+    """
     path = trial.folder / records.EVALUATIONS
     lines = path.read_bytes().splitlines() if path.is_file() else []
     # Greedy actions come last at every evaluation point.

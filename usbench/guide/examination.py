@@ -13,7 +13,6 @@ from usbench.coordinates import POSE
 from usbench.envs import oracle
 from usbench.envs.frames import frame_store
 from usbench.envs.pose import Move
-from usbench.envs.probe import LinearArray
 from usbench.setting import Setting
 from usbench.watch import episode
 from usbench.watch.advice import Adviser
@@ -35,7 +34,7 @@ class Examination:
     """One episode, step by step.
 
     Attributes:
-        setting: Task, noise and what is examined.
+        setting: Task, noise, anatomy, probe and imaging.
         actions: What was done so far.
         optimum: Return of the best policy that knows the pose, after every number of steps, from the same
             start and with the same slips.
@@ -47,12 +46,7 @@ class Examination:
         advice: What the agent advises now; None without an agent, and at the end.
     """
 
-    def __init__(
-        self,
-        setting: Setting,
-        seed: int,
-        agent: Opened | None = None,
-    ) -> None:
+    def __init__(self, setting: Setting, seed: int, agent: Opened | None = None) -> None:
         """Begin an episode whose start and slips come from `seed`."""
         self.setting, self.guidance = setting, setting.guidance
         self.actions: list[int] = []
@@ -73,18 +67,12 @@ class Examination:
     @property
     def frame(self) -> npt.NDArray[np.uint8]:
         """The B-mode frame from here, (height_px, width_px) uint8."""
-        plain: Any = self._env.unwrapped
-        return frame_store(plain.phantom, plain.probe, plain.imaging).frame(self.pose)
+        return frame_store(self.phantom, self.setting.probe, self.setting.imaging).frame(self.pose)
 
     @property
     def phantom(self) -> Any:
         """What is examined."""
         return self._env.unwrapped.phantom  # type: ignore[attr-defined]
-
-    @property
-    def array(self) -> LinearArray:
-        """The probe's transducer."""
-        return self._env.unwrapped.probe  # type: ignore[attr-defined,no-any-return]
 
     @property
     def goal(self) -> str:

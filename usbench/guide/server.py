@@ -66,6 +66,7 @@ def application(session: Session) -> Starlette:
         Route("/follow", button(session.follow), methods=["POST"]),
         Route("/begin", button(session.begin), methods=["POST"]),
         Route("/train", button(session.train), methods=["POST"]),
+        Route("/update", button(session.update), methods=["POST"]),
         Route("/choose", button(session.choose, "task", "noise", "agent", "hidden"), methods=["POST"]),
         Mount("/", _Files(directory=PAGE, html=True)),
     ]

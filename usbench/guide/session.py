@@ -1,7 +1,7 @@
 """What a person has chosen on the page, what its buttons do, and all that it shows, as plain data."""
 
-from collections.abc import Collection
-from dataclasses import asdict
+from collections.abc import Collection, Mapping
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -9,12 +9,12 @@ import numpy as np
 
 from usbench import suite
 from usbench.agents.hyperparameters import check_seed
-from usbench.checks import probability, unknown
+from usbench.checks import unknown
 from usbench.guide import agents as guide_agents
 from usbench.guide import view
 from usbench.guide.agents import ORACLE, Known
 from usbench.guide.examination import GUIDED, Examination, Opened
-from usbench.guide.training import QuickTraining
+from usbench.guide.training import QuickTraining, can_train
 from usbench.records import ConfigurationError
 from usbench.setting import Setting
 
@@ -25,64 +25,49 @@ class Session:
     """The examinations of one person, one after the other.
 
     Attributes:
+        setting: Task, noise, anatomy, probe and imaging of the examinations.
         examination: The episode that is going on.
         agent: Name of the trial whose agent advises, or "oracle".
         message: What the person should know, a sentence; empty if nothing.
         tasks: Those that can be chosen.
         hidden: Whether the object and all that tells where it is are hidden until the episode ends.
         training: Trains an agent on request.
-        anatomy: The given trial's own; None for the tasks' phantom.
     """
 
-    def __init__(
-        self,
-        runs: Path,
-        trial: Path | None = None,
-        *,
-        task: str | None = None,
-        noise: Any = None,
-        seed: Any = None,
-    ) -> None:
+    def __init__(self, runs: Path, trial: Path | None = None, *, seed: Any = None, **setting: Any) -> None:
         """Begin with the agent of `trial`, or with the best of its task in `runs`.
 
         Args:
             runs: Folder with trials; what is trained here goes there.
             trial: Folder of a trial.
-            task: Task to begin with (default: that of the trial, or "pp").
-            noise: Probability of slips (default: that of the trial, or 0).
             seed: Of the episodes; None draws one.
+            setting: Attributes of a `Setting`: task, noise, probe, imaging. One that is missing or None is
+                that of the trial; without a trial it is the default, and the task "pp".
 
         Raises:
             ConfigurationError: If a value is not allowed, or the trial's model cannot be used.
         """
         self._runs = runs
         self._given = None if trial is None else guide_agents.known(trial)
-        self.anatomy = None if self._given is None else self._given.anatomy
-        if task is None:
-            task = "pp" if self._given is None else self._given.task
-        if noise is None:
-            noise = 0.0 if self._given is None else self._given.noise
+        given = Setting(task="pp") if self._given is None else self._given.setting.scored
+        self.setting = _changed(given, GUIDED, setting)
+        # Another task may not be possible in a custom anatomy.
+        self.tasks = GUIDED if self.setting.anatomy is None else (self.setting.task,)
         self._seeds = np.random.default_rng(None if seed is None else _seed(seed))
         self.training = QuickTraining(runs)
         self.agent, self.message, self.hidden = ORACLE, "", False
-        self._task, self._noise = _task(task, GUIDED), _noise(noise)
-        # Another task may not be possible in an anatomy of one's own.
-        self.tasks = GUIDED if self.anatomy is None else (self._task,)
         self._find()
         if self._given is None:
-            self._settle()
+            self._choose_best()
         else:
-            self._opened: Opened | None = guide_agents.open_trial(self._given, self._task)
+            self._opened: Opened | None = guide_agents.open_trial(self._given, self.setting)
             self.agent = self._given.name
         self.begin()
-
-    def _setting(self) -> Setting:
-        return Setting(task=self._task, noise=self._noise, anatomy=self.anatomy)
 
     def begin(self) -> None:
         """Begin a new episode."""
         seed = int(self._seeds.integers(2**31))
-        self.examination = Examination(self._setting(), seed, self._opened)
+        self.examination = Examination(self.setting, seed, self._opened)
 
     def act(self, action: Any) -> None:
         """Take an action; ValueError or TypeError if there is none such, or the episode is over."""
@@ -93,8 +78,27 @@ class Session:
         self.examination.follow()
 
     def train(self) -> None:
-        """Train an agent for what is chosen now, in the background; in the tasks' phantom alone."""
-        self.training.start(self._task, self._noise)
+        """Train an agent for this task and noise in the background.
+
+        Raises:
+            ConfigurationError: If anatomy, probe or imaging is not the default.
+        """
+        self.training.start(self.setting)
+
+    def update(self) -> None:
+        """Notice how far the training is; once it is finished, let its agent advise.
+
+        Something else that was chosen meanwhile stays.
+        """
+        before = self.training.progress.status
+        self.training.update()
+        now = self.training.progress
+        if before != "running" or now.status != "finished" or now.folder is None:
+            return
+        self._find()
+        if now.folder.name in self._trials and self.agent == ORACLE and now.task == self.setting.task:
+            self.choose(agent=now.folder.name)
+            self.message = f"Trained: {self._label()} advises from now on."
 
     def choose(
         self, *, task: Any = None, noise: Any = None, agent: Any = None, hidden: bool | None = None
@@ -104,30 +108,23 @@ class Session:
         Raises:
             ConfigurationError: If a value is not allowed.
         """
-        chosen = (
-            self._task if task is None else _task(task, self.tasks),
-            self._noise if noise is None else _noise(noise),
-        )
+        before, chosen = self.setting, _changed(self.setting, self.tasks, {"task": task, "noise": noise})
         names = [ORACLE, *self._trials]
         if agent is not None and agent not in names:
             raise ConfigurationError(str(unknown("agent", agent, names)))
         self.hidden = self.hidden if hidden is None else bool(hidden)
-        if chosen == (self._task, self._noise) and agent is None:
+        if chosen == before and agent is None:
             return
-        self.message, begins = "", chosen != (self._task, self._noise)
-        changes_task = chosen[0] != self._task
-        self._task, self._noise = chosen
-        if agent is not None:
-            self.agent = agent
-            self._open()
-        elif changes_task:
-            self._settle()
+        self.message, self.setting = "", chosen
+        if agent is None and chosen.task != before.task:
+            self._choose_best()
         else:
+            self.agent = self.agent if agent is None else agent
             self._open()
-        if begins:
-            self.begin()
-        else:
+        if chosen == before:
             self.examination.ask(self._opened)
+        else:
+            self.begin()
 
     def close(self) -> None:
         """End what runs in the background."""
@@ -135,22 +132,15 @@ class Session:
 
     def state(self) -> dict[str, Any]:
         """Return all that the page shows, for JSON."""
-        training = self.training.progress()
-        if training.status == "finished" and training.folder and training.folder.name not in self._trials:
-            self._welcome(training.folder.name, training.task)
+        untrained = self._untrained()
+        training = asdict(self.training.progress) | {"folder": None}
         return {
             **self._choices(),
             **view.seen(self.examination, hidden=self.hidden),
             "advice": view.advice(self.examination),
-            "training": asdict(training) | {"folder": None, "offered": self._offers_training()},
+            "training": training | {"offered": bool(untrained) and can_train(self.setting)},
+            "untrained": untrained,
         }
-
-    def _welcome(self, name: str, task: str) -> None:
-        """Let an agent advise that has just been trained, unless something else was chosen meanwhile."""
-        self._find()
-        if name in self._trials and self.agent == ORACLE and task == self._task:
-            self.choose(agent=name)
-            self.message = f"Trained: {self._label()} advises from now on."
 
     def _choices(self) -> dict[str, Any]:
         tasks = {name: suite.TASKS[name].guidance.title for name in self.tasks}
@@ -159,10 +149,10 @@ class Session:
         ]
         return {
             "tasks": tasks,
-            "task": self._task,
+            "task": self.setting.task,
             "goal": self.examination.goal,
-            "noises": sorted({*NOISES, self._noise}),
-            "noise": self._noise,
+            "noises": sorted({*NOISES, self.setting.noise}),
+            "noise": self.setting.noise,
             "agents": [*agents, {"name": ORACLE, "label": "the exact optimum", "task": None}],
             "agent": self.agent,
             "label": self._label(),
@@ -174,22 +164,36 @@ class Session:
     def _label(self) -> str:
         return "the exact optimum" if self.agent == ORACLE else self._trials[self.agent].label
 
-    def _offers_training(self) -> bool:
-        return self.anatomy is None and all(trial.task != self._task for trial in self._trials.values())
+    def _untrained(self) -> str:
+        """Return in a sentence that no agent fits the task, and why; empty if one does."""
+        task = self.setting.task
+        if any(trial.task == task for trial in self._trials.values()):
+            return ""
+        others = sorted(
+            {one for trial in self._others if trial.task == task for one in trial.differences(self.setting)}
+        )
+        if others:
+            return (
+                f"Every agent of this task was trained with another {' or '.join(others)}; "
+                "the exact optimum advises."
+            )
+        return "No agent is trained for this task yet; the exact optimum advises."
 
     def _find(self) -> None:
-        given = [] if self._given is None else [self._given]
+        """Look for trials: those whose agents can be chosen here, and others."""
         known = guide_agents.find(self._runs)
-        found = [*(one for one in known if one.task in self.tasks and one.anatomy == self.anatomy), *given]
-        self._trials: dict[str, Known] = {trial.name: trial for trial in found}
+        fitting = [one for one in known if one.task in self.tasks and not one.differences(self.setting)]
+        self._others = [one for one in known if one.differences(self.setting)]
+        given = [] if self._given is None else [self._given]
+        self._trials: dict[str, Known] = {trial.name: trial for trial in (*fitting, *given)}
 
-    def _settle(self) -> None:
+    def _choose_best(self) -> None:
         """Let the best agent of the task advise, or the optimum where there is none."""
         before = self._trials.get(self.agent)
-        best = guide_agents.best(self._trials.values(), self._task, self._noise)
+        best = guide_agents.best(self._trials.values(), self.setting)
         self.agent = ORACLE if best is None else best.name
         self._open()
-        if before is not None and before.task != self._task and not self.message:
+        if before is not None and before.task != self.setting.task and not self.message:
             self.message = (
                 f"{before.name} was trained on another task and does not fit this one: "
                 f"{self._label()} advises here."
@@ -200,14 +204,22 @@ class Session:
         self._opened = None
         try:
             if self.agent == ORACLE:
-                self._opened = guide_agents.open_oracle(self._task, self._noise)
+                self._opened = guide_agents.open_oracle(self.setting)
             else:
-                self._opened = guide_agents.open_trial(self._trials[self.agent], self._task)
+                self._opened = guide_agents.open_trial(self._trials[self.agent], self.setting)
         except ConfigurationError as error:
             self.message = str(error)
 
 
-def _task(task: Any, allowed: Collection[str]) -> str:
+def _changed(setting: Setting, tasks: Collection[str], values: Mapping[str, Any]) -> Setting:
+    """Return `setting` with those of `values` that are not None; the task is one of `tasks`."""
+    given = {name: value for name, value in values.items() if value is not None}
+    if "task" in given:
+        _check_task(given["task"], tasks)
+    return replace(setting, **given)
+
+
+def _check_task(task: Any, allowed: Collection[str]) -> None:
     if isinstance(task, str) and task in suite.TASKS and task not in GUIDED:
         raise ConfigurationError(
             f"the guide shows tasks that move the probe alone, not {task!r}: allowed are "
@@ -215,14 +227,6 @@ def _task(task: Any, allowed: Collection[str]) -> str:
         )
     if not isinstance(task, str) or task not in allowed:
         raise ConfigurationError(str(unknown("task", task, allowed)))
-    return task
-
-
-def _noise(noise: Any) -> float:
-    try:
-        return probability("noise", noise)
-    except (TypeError, ValueError) as error:
-        raise ConfigurationError(str(error)) from error
 
 
 def _seed(seed: Any) -> int:

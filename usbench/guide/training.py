@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Literal
 
 from usbench import records
-from usbench.records import Trial
+from usbench.records import ConfigurationError, Trial
 from usbench.records.journal import read_rows
+from usbench.setting import Setting
 from usbench.trials.configuration import resolve
 
 # The quickest learner of the zoo, and steps after which it knows its way.
@@ -22,9 +23,9 @@ class Progress:
 
     Attributes:
         status: "idle" before the first training.
-        task: What is trained on.
+        task: The task on which the agent is trained.
         step: Training steps done.
-        steps: Of so many.
+        steps: Training steps to do.
         folder: Of the trial.
         reason: Why it failed, a sentence; empty otherwise.
     """
@@ -38,22 +39,30 @@ class Progress:
 
 
 class QuickTraining:
-    """At most one training at a time; one that was ended goes on from its last checkpoint another time."""
+    """At most one training at a time; one that was ended goes on from its resume file another time.
+
+    Attributes:
+        progress: How far the training is, as of the last `update`.
+    """
 
     def __init__(self, runs: Path) -> None:
         """Put trials into `runs`."""
+        self.progress = Progress()
         self._runs = runs
         self._process: subprocess.Popen[str] | None = None
-        self._progress = Progress()
 
-    def start(self, task: str, noise: float) -> None:
-        """Begin to train on a task, unless a training is running.
+    def start(self, setting: Setting) -> None:
+        """Begin to train on a task with noise, unless a training is running.
 
         Raises:
-            ConfigurationError: If the task is unknown or the noise is not allowed.
+            ConfigurationError: If more than task and noise of `setting` differs from the defaults.
         """
-        if self.progress().status == "running":
+        self.update()
+        if self.progress.status == "running":
             return
+        if not can_train(setting):
+            raise ConfigurationError("the guide trains with the default anatomy, probe and imaging alone.")
+        task, noise = setting.task, setting.noise
         config = resolve(ALGO, task, noise=noise, steps=STEPS)
         command = ["run", "--algo", ALGO, "--task", task, "--noise", str(noise), "--steps", str(STEPS)]
         self.close()
@@ -65,13 +74,13 @@ class QuickTraining:
             text=True,
             start_new_session=True,  # Ctrl-C is for the guide, which ends it
         )
-        self._progress = Progress("running", task, folder=self._runs / config.folder_name)
+        self.progress = Progress("running", task, folder=self._runs / config.folder_name)
 
-    def progress(self) -> Progress:
-        """Return how far the training is, read from what it has recorded."""
-        now = self._progress
+    def update(self) -> None:
+        """Read how far the training is from what it has recorded."""
+        now = self.progress
         if now.status != "running" or now.folder is None or self._process is None:
-            return now
+            return
         ended = self._process.poll() is not None
         rows = read_rows(now.folder / records.EPISODES)
         trial = Trial.find(now.folder)
@@ -82,8 +91,7 @@ class QuickTraining:
         elif ended:
             lines = self._process.communicate()[1].strip().splitlines()
             now = replace(now, status="failed", reason=lines[-1] if lines else "the training was ended.")
-        self._progress = now
-        return now
+        self.progress = now
 
     def close(self) -> None:
         """End the training; what it has recorded is kept."""
@@ -96,3 +104,8 @@ class QuickTraining:
             self._process.kill()
             self._process.communicate()
         self._process = None
+
+
+def can_train(setting: Setting) -> bool:
+    """Return whether nothing but task and noise of `setting` differs from the defaults."""
+    return setting == Setting(task=setting.task, noise=setting.noise, n_frames=setting.n_frames)

@@ -13,7 +13,7 @@ from usbench.watch.film import fixed
 def seen(examination: Examination, *, hidden: bool) -> dict[str, Any]:
     """Return the episode; while the object is hidden, nothing that tells where it is before the end."""
     tells = examination.over or not hidden
-    phantom, frame = examination.phantom, examination.frame
+    phantom, frame, imaging = examination.phantom, examination.frame, examination.setting.imaging
     known = phantom.object_of_interest
     balls: Any = () if hidden or known is None else known.balls
     return {
@@ -24,10 +24,12 @@ def seen(examination: Examination, *, hidden: bool) -> dict[str, Any]:
         "pose": asdict(examination.pose),
         "frame": base64.b64encode(frame.tobytes()).decode(),
         "shape": frame.shape,
+        "frame_mm": [round(1e3 * size, 3) for size in (imaging.depth, imaging.width)],
         "phantom": {name: getattr(phantom, name) for name in ("width_mm", "height_mm", "depth_mm")},
         "balls": [[*ball.center_mm, ball.radius_mm] for ball in balls],
         "target": asdict(phantom.target) if known is None and not hidden else None,
-        "probe": asdict(Probe.of(examination.array)),
+        "probe": asdict(Probe.of(examination.setting.probe)),
+        "reach_mm": max(map(abs, examination.guidance.limits.x_mm)),
         "happened": happened(examination),
         "at_goal": examination.at_goal if tells else None,
         "return": fixed(examination.return_) if tells else None,

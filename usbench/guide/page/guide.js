@@ -3,7 +3,10 @@ import { drawScene } from "./scene.js";
 
 const PLAY_MS = 700, POLL_MS = 1000;
 const byId = (id) => document.getElementById(id);
-let shown = null, playing = null, pending = Promise.resolve(), waiting = 0;
+const PICTURES = {
+  above: byId("above"), side: byId("side"), view: byId("frame-view"), canvas: byId("frame"), axes: byId("frame-axes"),
+};
+let shown = null, playing = null, poll, pending = Promise.resolve(), waiting = 0;
 
 // One request at a time, in the order of the keys.
 function send(path, body, since) {
@@ -101,11 +104,11 @@ function render(state) {
   shown = state;
   renderSettings(state);
   if (taskChanged) renderControls(state.controls);
+  drawScene(PICTURES, state);
   renderFrame(state);
-  drawScene(byId("above"), byId("side"), byId("frame-axes"), state);
   renderAdvice(state);
   renderEpisode(state);
-  renderTraining(state.training);
+  renderTraining(state.training, state.untrained);
 }
 
 function renderSettings(state) {
@@ -126,7 +129,7 @@ function renderControls(controls) {
   }));
 }
 
-function renderFrame({ frame, shape: [height, width], pose }) {
+function renderFrame({ frame, shape: [height, width], frame_mm: [depthMm, widthMm], pose }) {
   const bytes = atob(frame), image = new ImageData(width, height);
   for (let i = 0; i < bytes.length; i += 1) image.data.fill(bytes.charCodeAt(i), 4 * i, 4 * i + 3);
   for (let i = 3; i < image.data.length; i += 4) image.data[i] = 255;
@@ -134,7 +137,7 @@ function renderFrame({ frame, shape: [height, width], pose }) {
   small.getContext("2d").putImageData(image, 0, 0);
   context.imageSmoothingQuality = "high";
   context.drawImage(small, 0, 0, canvas.width, canvas.height);
-  canvas.setAttribute("aria-label", `B-mode frame, ${width} by ${height} mm, focus at ${pose.focal_depth_mm} mm`);
+  canvas.setAttribute("aria-label", `B-mode frame, ${widthMm} by ${depthMm} mm, focus at ${pose.focal_depth_mm} mm`);
 }
 
 function renderAdvice({ advice, controls, over, exact, label }) {
@@ -183,17 +186,16 @@ function renderEpisode(state) {
   byId("begin").classList.toggle("primary", state.over);
 }
 
-function renderTraining(training) {
+function renderTraining(training, untrained) {
   const running = training.status === "running", failed = training.status === "failed";
-  byId("training").hidden = !(training.offered || running || failed);
-  byId("train").hidden = running;
+  byId("training").hidden = !(untrained || running || failed);
+  byId("train").hidden = running || !training.offered;
   byId("training-bar").hidden = !running;
   byId("training-bar").value = training.step / training.steps;
   byId("training-words").textContent = running
     ? `Training: step ${training.step} of ${training.steps}. The exact optimum advises meanwhile.`
-    : failed ? `Training failed: ${training.reason}` : "No agent is trained for this task yet; the exact optimum advises.";
-  clearTimeout(renderTraining.timer);
-  if (running) renderTraining.timer = setTimeout(() => send("state"), POLL_MS);
+    : failed ? `Training failed: ${training.reason}` : untrained;
+  if (running) poll ??= setTimeout(() => { poll = undefined; send("update", {}); }, POLL_MS);
 }
 
 // Hands --------------------------------------------------------------------------------------------------------

@@ -1,7 +1,10 @@
-// The phantom from above and from the side, and the axes of the frame, all in mm. Same picture as usbench/envs/scene.py.
+// The phantom from above and from the side, in mm, and the axes of the frame. Same picture as envs/scene/picture.py.
 
 const NS = "http://www.w3.org/2000/svg";
-const range = (low, high, step) => Array.from({ length: Math.floor((high - low) / step) + 1 }, (_, i) => low + i * step);
+function multiples(low, high, step) {
+  const first = Math.ceil(low / step), last = Math.floor(high / step);
+  return Array.from({ length: last - first + 1 }, (_, i) => (first + i) * step);
+}
 const signed = (number) => (number > 0 ? "+" : number < 0 ? "\u2212" : "") + Math.abs(number);
 const radians = (degrees) => (degrees * Math.PI) / 180;
 
@@ -33,7 +36,7 @@ function balls(all, across, towards) {
   return [...shades, ...drawn];
 }
 
-// In an anatomy of one's own, in place of balls: the image plane of the target.
+// In a custom anatomy, in place of balls: the image plane of the target.
 function planeAbove(target, probe) {
   if (!target) return [];
   const plane = shape("g", { transform: `translate(${target.x_mm} 0) rotate(${target.angle_deg})` });
@@ -47,37 +50,42 @@ function planeAside(target, probe, depth) {
   return [rectangle(target.x_mm - half, 0, 2 * half, depth, "target")];
 }
 
-function ground(phantom, top, bottom, step) {
-  const half = phantom.width_mm / 2, xs = range(-half, half, 20), ys = range(top, bottom, step);
+// A probe may be wider than the phantom: half of what its picture shows, from x = 0.
+const halfWidth = ({ phantom, probe, reach_mm: reach }) => Math.max(phantom.width_mm / 2, reach + probe.width / 2);
+
+function ground(phantom, top, bottom, step, left) {
+  const half = phantom.width_mm / 2, xs = multiples(-half, half, 20), ys = multiples(top, bottom, step);
   return [
     rectangle(-half, top, phantom.width_mm, bottom - top, "tissue"),
     ...xs.map((x) => line(x, top, x, bottom, "grid")),
     ...ys.map((y) => line(-half, y, half, y, "grid")),
     ...xs.map((x) => label(x, bottom + 4.5, signed(x), "middle")),
-    ...ys.map((y) => label(-half - 1.5, y + 1.2, top ? signed(y) : y, "end")),
+    ...ys.map((y) => label(left - 1.5, y + 1.2, top ? signed(y) : y, "end")),
   ];
 }
 
-function drawAbove(svg, { phantom, probe, pose, target, balls: all }) {
-  const { width_mm: width, height_mm: height } = phantom, half = probe.width / 2, slab = probe.slab / 2;
-  svg.setAttribute("viewBox", `${-width / 2 - 10} ${-height / 2 - 2} ${width + 14} ${height + 8}`);
+function drawAbove(svg, state) {
+  const { phantom, probe, pose, target, balls: all } = state, height = phantom.height_mm;
+  const side = halfWidth(state), half = probe.width / 2, slab = probe.slab / 2;
+  svg.setAttribute("viewBox", `${-side - 10} ${-height / 2 - 2} ${2 * side + 14} ${height + 8}`);
   const hand = shape("g", { transform: `translate(${pose.x_mm} 0) rotate(${pose.angle_deg})` });
   hand.append(rectangle(-half, -slab, 2 * half, 2 * slab, "slab"), line(-half, 0, half, 0, "plane"),
     dot(2.5 - half, 2.2 - slab, 0.9, "metal"));
-  svg.replaceChildren(...ground(phantom, -height / 2, height / 2, 20), ...balls(all, 1, (ball) => -ball[2]),
+  svg.replaceChildren(...ground(phantom, -height / 2, height / 2, 20, -side), ...balls(all, 1, (ball) => -ball[2]),
     ...planeAbove(target, probe), hand, ...cross(pose.x_mm, 0));
   svg.setAttribute("aria-label", `Phantom from above: the probe at x ${pose.x_mm} mm, its image plane turned by ${pose.angle_deg} degrees`);
 }
 
-function drawSide(svg, { phantom, probe, pose, target, balls: all }) {
-  const { width_mm: width, depth_mm: depth } = phantom, x = pose.x_mm, focus = pose.focal_depth_mm;
-  svg.setAttribute("viewBox", `${-width / 2 - 10} -9 ${width + 14} ${depth + 16}`);
+function drawSide(svg, state) {
+  const { phantom, probe, pose, target, balls: all } = state, side = halfWidth(state);
+  const depth = phantom.depth_mm, x = pose.x_mm, focus = pose.focal_depth_mm;
+  svg.setAttribute("viewBox", `${-side - 10} -9 ${2 * side + 14} ${depth + 16}`);
   const cosine = Math.cos(radians(pose.angle_deg)), sine = Math.sin(radians(pose.angle_deg));
   const slab = (Math.abs(cosine) * probe.width + Math.abs(sine) * probe.slab) / 2;
   const aperture = (Math.abs(cosine) * probe.aperture) / 2, reach = Math.min(1, (depth - focus) / focus);
   const foot = focus * (1 + reach), spread = aperture * reach, shell = slab + 1, handle = 0.72 * shell;
   svg.replaceChildren(
-    ...ground(phantom, 0, depth, 10),
+    ...ground(phantom, 0, depth, 10, -side),
     ...balls(all, 2, (ball) => ball[1]),
     ...planeAside(target, probe, depth),
     rectangle(x - slab, 0, 2 * slab, depth, "slab"),
@@ -91,18 +99,38 @@ function drawSide(svg, { phantom, probe, pose, target, balls: all }) {
   svg.setAttribute("aria-label", `Phantom from the side: the probe at x ${x} mm, focused at a depth of ${focus} mm`);
 }
 
-// The frame's left upper corner is at (0, 0).
-function drawAxes(svg, { shape: [height, width], pose }) {
-  const focus = pose.focal_depth_mm;
-  svg.replaceChildren(
-    ...range(0, height, 10).map((mm) => label(-1.2, mm + 1, mm, "end")),
-    ...[0, width / 2, width].map((x) => label(x, height + 4.5, signed(x - width / 2), "middle")),
-    dot(2.5, -2, 0.9, "metal"),
-    polygon([width + 0.6, focus, width + 3.4, focus - 1.6, width + 3.4, focus + 1.6], "pointer"));
+// Lengths of the frame's picture: as high as 90 or as wide as 60, so that letters have one size beside any frame.
+const MARGIN = { left: 9, top: 5, right: 5, bottom: 6 };
+function frameLayout([depth, width]) {
+  const scale = Math.min(90 / depth, 60 / width), wide = width * scale, high = depth * scale;
+  return { scale, wide, high, allWide: MARGIN.left + wide + MARGIN.right, allHigh: MARGIN.top + high + MARGIN.bottom };
 }
 
-export function drawScene(above, side, axes, state) {
+// The frame lies inside its axes, whose size in the page follows from the style sheet.
+function placeFrame(view, canvas, { wide, high, allWide, allHigh }) {
+  const lengths = { "--wide": allWide, "--high": allHigh, "--left": MARGIN.left / allWide, "--top": MARGIN.top / allHigh,
+    "--frame-wide": wide / allWide, "--frame-high": high / allHigh };
+  for (const [name, value] of Object.entries(lengths)) view.style.setProperty(name, value);
+  const size = [Math.round(6 * wide), Math.round(6 * high)];
+  if (canvas.width !== size[0] || canvas.height !== size[1]) [canvas.width, canvas.height] = size;
+}
+
+// The frame's left upper corner is at (0, 0).
+function drawAxes(svg, { frame_mm: [depth, width], pose }, { scale, wide, high, allWide, allHigh }) {
+  const focus = pose.focal_depth_mm * scale, half = Math.trunc(width / 2);
+  const step = [1, 2, 5, 10, 20, 50, 100].find((mm) => mm * scale >= 8) ?? 200;
+  svg.setAttribute("viewBox", `${-MARGIN.left} ${-MARGIN.top} ${allWide} ${allHigh}`);
+  svg.replaceChildren(
+    ...multiples(0, depth, step).map((mm) => label(-1.2, mm * scale + 1, mm, "end")),
+    ...[...new Set([-half, 0, half])].map((mm) => label(wide / 2 + mm * scale, high + 4.5, signed(mm), "middle")),
+    dot(2.5, -2, 0.9, "metal"),
+    ...(focus <= high ? [polygon([wide + 0.6, focus, wide + 3.4, focus - 1.6, wide + 3.4, focus + 1.6], "pointer")] : []));
+}
+
+export function drawScene({ above, side, view, canvas, axes }, state) {
+  const layout = frameLayout(state.frame_mm);
   drawAbove(above, state);
   drawSide(side, state);
-  drawAxes(axes, state);
+  placeFrame(view, canvas, layout);
+  drawAxes(axes, state, layout);
 }
