@@ -36,7 +36,7 @@ def trials(out: Path) -> pd.DataFrame:
 
     Only trials of the same algorithm on the same task are compared.
     """
-    finished = [trial for trial in records.find_all(out) if trial.status == "finished"]
+    finished = [trial for trial in records.load_trials(out) if trial.status == "finished"]
     if not finished:
         raise SystemExit(f"there is no finished trial in {str(out)!r}.")
     kinds: dict[tuple[str, str], list[dict[str, object]]] = {}

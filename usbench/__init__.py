@@ -1,11 +1,66 @@
-"""usbench: ultrasound guidance tasks for reinforcement learning, and a comparison of algorithms on them."""
+"""usbench: ultrasound guidance tasks for reinforcement learning, and a comparison of algorithms on them.
+
+Importing it registers the tasks' Gymnasium ids. The names below are imported when they are first used, so
+that `import usbench` stays light.
+"""
+
+import importlib
+from typing import TYPE_CHECKING, Any
 
 from gymnasium.envs.registration import register, registry
 
 from usbench.tasks import BUILT_IN
 
+if TYPE_CHECKING:
+    from usbench.envs.bmode import Imaging
+    from usbench.envs.phantom import Phantom
+    from usbench.envs.pose import Pose
+    from usbench.envs.probe import LinearArray
+    from usbench.envs.rf import simulate_rf
+    from usbench.envs.scanner import scan
+    from usbench.records.trial import load_trial, load_trials
+    from usbench.setting import make_env
+    from usbench.trials.model_loading import load_agent
+
 __version__ = "0.1.0"
+__all__ = [
+    "Imaging",
+    "LinearArray",
+    "Phantom",
+    "Pose",
+    "load_agent",
+    "load_trial",
+    "load_trials",
+    "make_env",
+    "scan",
+    "simulate_rf",
+]
+
+_MODULES = {
+    "Imaging": "usbench.envs.bmode",
+    "LinearArray": "usbench.envs.probe",
+    "Phantom": "usbench.envs.phantom",
+    "Pose": "usbench.envs.pose",
+    "load_agent": "usbench.trials.model_loading",
+    "load_trial": "usbench.records.trial",
+    "load_trials": "usbench.records.trial",
+    "make_env": "usbench.setting",
+    "scan": "usbench.envs.scanner",
+    "simulate_rf": "usbench.envs.rf",
+}
 
 for _row in BUILT_IN.values():
     if _row.env_id not in registry:
         register(id=_row.env_id, entry_point=_row.entry_point, max_episode_steps=_row.n_steps)
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name when it is first used (PEP 562)."""
+    if name not in _MODULES:
+        raise AttributeError(f"module 'usbench' has no attribute {name!r}")
+    return getattr(importlib.import_module(_MODULES[name]), name)
+
+
+def __dir__() -> list[str]:
+    """Return the public names, for completion."""
+    return sorted([*globals(), *__all__])

@@ -14,6 +14,10 @@ from collections.abc import Collection
 from typing import Any
 
 
+class ConfigurationError(ValueError):
+    """A setting that cannot be used; the message is one sentence for the user."""
+
+
 def number(
     name: str,
     value: Any,

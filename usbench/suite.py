@@ -6,7 +6,7 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from gymnasium.envs.registration import load_env_creator
+from gymnasium.envs.registration import load_env_creator, register, registry
 
 from usbench.envs.pose import Pose
 from usbench.envs.task import Task as GuidanceTask
@@ -54,6 +54,8 @@ class EvaluationEpisode:
 
 
 def _guidance(row: Row) -> GuidanceTask:
+    if row.env_id not in registry:  # a task of another package
+        register(id=row.env_id, entry_point=row.entry_point, max_episode_steps=row.n_steps)
     environment: Any = load_env_creator(row.entry_point)
     return environment.task  # type: ignore[no-any-return]
 

@@ -9,7 +9,7 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from types import MappingProxyType
 
-from usbench.records.configuration import ConfigurationError
+from usbench.checks import ConfigurationError
 
 # Of entry points: name of a task -> "module:name" of its `Row`.
 GROUP = "usbench.tasks"

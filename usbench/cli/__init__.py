@@ -11,6 +11,7 @@ from importlib.metadata import version
 from usbench.cli import (
     cache,
     compare,
+    defaults,
     frame,
     guide,
     leaderboard,
@@ -26,7 +27,21 @@ from usbench.cli.arguments import REFUSED, Parser
 
 DONE, FAILED, INTERRUPTED = 0, 1, 130
 # As `usbench --help` lists them.
-COMMANDS = (run, compare, leaderboard, transfer, search, frame, watch, plot, guide, report, list, cache)
+COMMANDS = (
+    run,
+    compare,
+    leaderboard,
+    transfer,
+    search,
+    frame,
+    watch,
+    plot,
+    guide,
+    report,
+    list,
+    defaults,
+    cache,
+)
 
 EXAMPLES = """examples:
   usbench run --algo vpg --task pp

@@ -53,3 +53,29 @@ def add_sweep(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--jobs", type=number, metavar="N", help="trials at a time (default: all cores)")
     parser.add_argument("--out", type=Path, default=Path("runs"), help="folder for trials (default runs)")
     parser.add_argument("--quiet", action="store_true", help="no progress")
+
+
+def add_probe_and_imaging(parser: argparse.ArgumentParser) -> None:
+    """Add the options for another probe and another imaging than the default ones."""
+    for kind in ("probe", "imaging"):
+        parser.add_argument(
+            f"--{kind}",
+            type=Path,
+            metavar="FILE",
+            help=f"a TOML file with fields of the {kind} (usbench defaults {kind} > {kind}.toml writes one)",
+        )
+
+
+def probe_and_imaging(args: argparse.Namespace) -> "dict[str, Any]":
+    """Return the `probe` and the `imaging` of the options that are given, as `Setting` takes them.
+
+    Raises:
+        ConfigurationError: If a file cannot be used; one sentence says why.
+    """
+    from usbench import setting_files
+
+    return {
+        kind: read(path)
+        for kind, read in (("probe", setting_files.read_probe), ("imaging", setting_files.read_imaging))
+        if (path := getattr(args, kind)) is not None
+    }

@@ -8,14 +8,16 @@ from pathlib import Path
 from typing import Any
 
 from usbench.cli import phantom
-from usbench.cli.arguments import number, setting
+from usbench.cli.arguments import add_probe_and_imaging, number, probe_and_imaging, setting
 
 EXAMPLES = """examples:
   usbench run --algo vpg --task pp
   usbench run --algo vpg --task fp --noise 0.25 --seed 3
   usbench run --algo vpg --task pp --preset spinup --set gamma=0.95 --out my_runs
   usbench run --algo dqn --task pp --phantom spine.mha frames=recorded target_x_mm=0 target_angle_deg=0
-      in an anatomy of your own (docs/anatomy.md)
+      in a custom anatomy (docs/anatomy.md)
+  usbench run --algo dqn --task pp --probe probe.toml --imaging imaging.toml
+      with another probe and other frames (usbench defaults probe > probe.toml)
 """
 
 
@@ -44,6 +46,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         "scores are those of the true reward",
     )
     phantom.add(run, "target_x_mm and target_angle_deg or target_focal_depth_mm say where it is seen best")
+    add_probe_and_imaging(run)
     run.add_argument("--preset", metavar="NAME", help="named hyperparameters, for example spinup")
     run.add_argument(
         "--set",
@@ -65,12 +68,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
 
 def _call(args: argparse.Namespace) -> None:
     """Train and evaluate one agent on one task."""
-    from usbench.cli import console
-    from usbench.figures import learning_curve
-    from usbench.records import Trial
-    from usbench.trials import callback, runner, wandb_run
     from usbench.trials.configuration import resolve
-    from usbench.watch import replay
 
     config = resolve(
         args.algo,
@@ -81,9 +79,17 @@ def _call(args: argparse.Namespace) -> None:
         n_frames=args.n_frames,
         reward=args.reward,
         anatomy=phantom.asked(args.phantom),
+        **probe_and_imaging(args),
         preset=args.preset,
         overrides=dict(args.set),
     )
+    # Now, as these take seconds: what is refused has been refused.
+    from usbench.cli import console
+    from usbench.figures import learning_curve
+    from usbench.records import Trial
+    from usbench.trials import callback, runner, wandb_run
+    from usbench.watch import replay
+
     progress: callback.Progress = callback.Silent() if args.quiet else console.Bars()
     folder = args.out / config.folder_name
     trial = Trial.find(folder)

@@ -3,10 +3,10 @@
 Nothing here imports torch.
 """
 
+from usbench.checks import ConfigurationError
 from usbench.records.configuration import (
     MAX_FRAMES,
     VOLUME,
-    ConfigurationError,
     TrialConfig,
     identity,
 )
@@ -22,7 +22,7 @@ from usbench.records.folder import (
     trial_folders,
     unwritable,
 )
-from usbench.records.trial import Frames, Trial, find_all, load, means
+from usbench.records.trial import Frames, Trial, load, load_trials, means
 
 __all__ = [
     "CHECKPOINTS",
@@ -41,7 +41,7 @@ __all__ = [
     "Trial",
     "TrialConfig",
     "create",
-    "find_all",
+    "load_trials",
     "identity",
     "load",
     "means",

@@ -14,10 +14,6 @@ VOLUME = "volume"
 MAX_FRAMES = 64
 
 
-class ConfigurationError(ValueError):
-    """A setting that cannot be used; the message is one sentence for the user."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class TrialConfig:
     """The resolved configuration of one trial; equal configurations give equal bits.

@@ -10,7 +10,8 @@ import shutil
 from pathlib import Path
 
 from usbench.atomic import atomic_file
-from usbench.records.configuration import ConfigurationError, TrialConfig
+from usbench.checks import ConfigurationError
+from usbench.records.configuration import TrialConfig
 
 TRIAL, EPISODES, EVALUATIONS, MODEL = "trial.json", "episodes.jsonl", "evaluations.jsonl", "model.zip"
 TENSORBOARD, CHECKPOINTS = "tensorboard", "checkpoints"

@@ -15,8 +15,9 @@ from pydantic.dataclasses import dataclass
 
 from usbench.anchors import Anchors
 from usbench.atomic import atomic_file
+from usbench.checks import ConfigurationError
 from usbench.records import checksums
-from usbench.records.configuration import ConfigurationError, TrialConfig
+from usbench.records.configuration import TrialConfig
 from usbench.records.folder import EPISODES, EVALUATIONS, TRIAL, trial_folders
 from usbench.records.journal import read_rows
 
@@ -183,16 +184,21 @@ def _misfit(error: ValidationError) -> str:
     return f"its {where} cannot be {first['input']!r:.80} ({first['msg'].lower()})"
 
 
-def find_all(runs: Path) -> list[Trial]:
+def load_trial(folder: str | Path) -> Trial:
+    """Return the trial in `folder`; errors are those of `Trial.read`."""
+    return Trial.read(Path(folder))
+
+
+def load_trials(runs: str | Path = "runs") -> list[Trial]:
     """Return the trials in `runs`, a folder of them or a trial itself; earlier attempts are left out.
 
     Raises:
         FileNotFoundError: If there is no such folder.
         ValueError: If a record is damaged.
     """
-    if not runs.is_dir():
+    if not Path(runs).is_dir():
         raise FileNotFoundError(f"there is no folder {str(runs)!r} with trials.")
-    return [trial for folder in trial_folders(runs) if (trial := Trial.find(folder)) is not None]
+    return [trial for folder in trial_folders(Path(runs)) if (trial := Trial.find(folder)) is not None]
 
 
 def load(
@@ -210,7 +216,7 @@ def load(
     if table not in ("evaluations", "episodes"):
         raise ValueError(f"table must be one of evaluations, episodes, not {table!r}.")
     parts = []
-    for trial in find_all(Path(runs)):
+    for trial in load_trials(runs):
         rows = trial.evaluations() if table == "evaluations" else trial.episodes()
         if rows.empty:
             continue

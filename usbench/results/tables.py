@@ -96,7 +96,7 @@ def collect(runs: Path, planned: Collection[TrialConfig] = ()) -> Results:
     if planned:
         found = [(config, Trial.find(runs / config.folder_name)) for config in _once(planned)]
     else:
-        found = [(trial.config, trial) for trial in records.find_all(runs)]
+        found = [(trial.config, trial) for trial in records.load_trials(runs)]
     trials = pd.DataFrame([_row(config, trial) for config, trial in found], columns=list(TRIAL_COLUMNS))
     twice = trials[trials.duplicated(["configuration", "seed"], keep=False)]
     if not twice.empty:
