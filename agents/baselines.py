@@ -33,6 +33,7 @@ class _NotLearned(abc.ABC):
     """What the agents below share: SB3's interface, with nothing to learn."""
 
     sees_state: ClassVar[bool] = False
+    looks: ClassVar[bool] = False
     num_timesteps = 0
 
     def __init__(self, policy: object, env: Any, seed: int | None = None) -> None:

@@ -22,6 +22,8 @@ class Entry:
     tasks: Mapping[str, Mapping[str, Value]] = field(default_factory=dict)
     presets: Mapping[str, Mapping[str, Value]] = field(default_factory=dict)
     learns: bool = True
+    # Whether it sees frames; what does not look needs none to be simulated.
+    looks: bool = True
 
 
 # Every network is a trunk and one fully connected output.
@@ -178,9 +180,9 @@ ZOO: dict[str, Entry] = {
             "normalize_advantage": True,
         },
     ),
-    "random": Entry(cls="usbench.agents.baselines:Random", learns=False),
-    "stay": Entry(cls="usbench.agents.baselines:Stay", learns=False),
-    "oracle": Entry(cls="usbench.agents.baselines:Oracle", learns=False),
+    "random": Entry(cls="usbench.agents.baselines:Random", learns=False, looks=False),
+    "stay": Entry(cls="usbench.agents.baselines:Stay", learns=False, looks=False),
+    "oracle": Entry(cls="usbench.agents.baselines:Oracle", learns=False, looks=False),
 }
 
 

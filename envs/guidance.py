@@ -37,6 +37,8 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
     Attributes:
         pose: Where the probe is now.
         target: The pose that shows the object best; the truth, for evaluation and never for the agent.
+        is_watched: Whether somebody looks at the observations; where nobody does they are black, and no frame
+            is simulated for them.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 4}
@@ -71,6 +73,7 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
         self.observation_space = gym.spaces.Box(
             0, 255, (self.imaging.height_px, self.imaging.width_px, 1), np.uint8
         )
+        self.is_watched = True
         self._pose: Pose | None = None
         self._frames: FrameStore | None = None
         self._steps_left = 0
@@ -163,6 +166,8 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
         return tissue
 
     def _observation(self) -> npt.NDArray[np.uint8]:
+        if not self.is_watched:
+            return np.zeros(self.observation_space.shape, np.uint8)
         return self._frame(self.pose)[:, :, np.newaxis].copy()
 
     @property

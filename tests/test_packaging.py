@@ -20,7 +20,7 @@ def wheel(tmp_path_factory):
     source = tmp_path_factory.mktemp("source")
     for name in ("usbench", "envs", "agents"):
         shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("pyproject.toml", "README.md", "LICENSE"):
+    for name in ("pyproject.toml", "README.md", "LICENSE", "usbench_command.py"):
         if (ROOT / name).exists():
             shutil.copy(ROOT / name, source)
     subprocess.run(
@@ -51,7 +51,7 @@ def test_wheel_holds_exactly_the_modules_of_the_folders(wheel):
         for package, folder in FOLDERS.items()
         for module in (ROOT / folder).rglob("*.py")
     }
-    assert {name for name in wheel.namelist() if name.endswith(".py")} == expected
+    assert {name for name in wheel.namelist() if name.endswith(".py")} == expected | {"usbench_command.py"}
 
 
 def test_wheel_is_typed_licensed_and_has_the_command(wheel):
@@ -59,7 +59,7 @@ def test_wheel_is_typed_licensed_and_has_the_command(wheel):
     assert "usbench/py.typed" in names
     assert any(name.endswith("licenses/LICENSE") for name in names)
     (entry_points,) = (name for name in names if name.endswith("entry_points.txt"))
-    assert "usbench = usbench.cli:main" in wheel.read(entry_points).decode()
+    assert "usbench = usbench_command:main" in wheel.read(entry_points).decode()
 
 
 def test_every_folder_with_modules_is_a_listed_package():

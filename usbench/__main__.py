@@ -1,5 +1,5 @@
 """`python -m usbench` is `usbench`."""
 
-from usbench.cli import main
+from usbench_command import main
 
 raise SystemExit(main())

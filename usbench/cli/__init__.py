@@ -5,7 +5,7 @@ import contextlib
 import os
 import signal
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from importlib.metadata import version
 
 from usbench.cli import (
@@ -61,8 +61,8 @@ EXAMPLES = """examples:
 """
 
 
-def build_parser() -> argparse.ArgumentParser:
-    """Return the parser of the whole command line."""
+def build_parser() -> tuple[Parser, Mapping[str, Parser]]:
+    """Return the parser of the whole command line, and those of the commands by name."""
     parser = Parser(
         prog="usbench",
         description="Reinforcement learning for ultrasound probe guidance, with exact anchors.",
@@ -75,13 +75,13 @@ def build_parser() -> argparse.ArgumentParser:
 
     for command in COMMANDS:
         command.add(subparsers, debug)
-    return parser
+    return parser, subparsers.choices
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv`; return 0 if done, 1 if it failed, 2 if refused, 130 if interrupted."""
     try:
-        args = build_parser().parse_args(argv)
+        args = _parsed(argv)
     except SystemExit as exit_:
         return int(exit_.code or 0)
     try:
@@ -89,7 +89,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             args.call(args)
             sys.stdout.flush()
     except KeyboardInterrupt:
-        print("usbench: interrupted, what was recorded is kept.", file=sys.stderr)
+        how = getattr(args, "interrupted", "")
+        print(f"usbench: interrupted, what was recorded is kept{how and ': '}{how or '.'}", file=sys.stderr)
         return INTERRUPTED
     except BrokenPipeError:
         # The reader has gone (`usbench list | head`): nobody is left to be told.
@@ -103,6 +104,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"usbench: error: {' '.join(str(error).split())}", file=sys.stderr)
         return REFUSED if isinstance(error, ConfigurationError) else FAILED
     return DONE
+
+
+def _parsed(argv: Sequence[str] | None) -> argparse.Namespace:
+    parser, commands = build_parser()
+    args, rest = parser.parse_known_args(argv)
+    if rest:
+        commands[args.command].refuse(rest)
+    return args
 
 
 @contextlib.contextmanager

@@ -2,10 +2,14 @@
 
 import argparse
 import contextlib
+import difflib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
 REFUSED = 2
+# Said after Ctrl-C of commands that keep what they have done.
+GOES_ON = "the same command goes on from there."
 
 
 class Parser(argparse.ArgumentParser):
@@ -14,6 +18,13 @@ class Parser(argparse.ArgumentParser):
     def __init__(self, **kwargs: Any) -> None:
         """Takes argparse's arguments."""
         super().__init__(allow_abbrev=False, formatter_class=argparse.RawDescriptionHelpFormatter, **kwargs)
+
+    def refuse(self, rest: Sequence[str]) -> NoReturn:
+        """Refuse the arguments that nothing takes, with the closest option if the first of them is one."""
+        first = rest[0].partition("=")[0]
+        close = difflib.get_close_matches(first, self._option_string_actions, n=1)
+        hint = f" (did you mean {close[0]}?)" if close and first.startswith("-") else ""
+        self.error(f"unrecognized arguments: {' '.join(rest)}{hint}")
 
     def error(self, message: str) -> NoReturn:
         """Exit with the status of what is refused."""

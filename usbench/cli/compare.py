@@ -6,7 +6,7 @@ import argparse
 import sys
 from typing import TYPE_CHECKING, Any
 
-from usbench.cli.arguments import add_leaderboard_file, add_sweep, number
+from usbench.cli.arguments import GOES_ON, add_leaderboard_file, add_sweep, number
 
 if TYPE_CHECKING:
     from usbench.compare.sweep import Outcome
@@ -70,7 +70,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
     compare.add_argument(
         "--report-only", action="store_true", help="run nothing: write the leaderboard of what is finished"
     )
-    compare.set_defaults(call=_call)
+    compare.set_defaults(call=_call, interrupted=GOES_ON)
 
 
 def _call(args: argparse.Namespace) -> None:

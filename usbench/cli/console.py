@@ -57,6 +57,10 @@ class Bars:
         else:
             print(line, file=sys.stderr, flush=True)
 
+    def stopping(self) -> None:
+        """Somebody has asked for the end, which comes before the next rollout."""
+        print("stopping before the next rollout; Ctrl-C again stops at once", file=sys.stderr, flush=True)
+
     def close(self) -> None:
         """Leave the last bar as it stands."""
         if self._bar is not None:

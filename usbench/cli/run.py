@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from usbench.cli import phantom
-from usbench.cli.arguments import add_probe_and_imaging, number, probe_and_imaging, setting
+from usbench.cli.arguments import GOES_ON, add_probe_and_imaging, number, probe_and_imaging, setting
 
 EXAMPLES = """examples:
   usbench run --algo vpg --task pp
@@ -63,7 +63,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         "--wandb", action="store_true", help="let Weights & Biases follow the training; needs usbench[wandb]"
     )
     run.add_argument("--quiet", action="store_true", help="no progress")
-    run.set_defaults(call=_call)
+    run.set_defaults(call=_call, interrupted=GOES_ON)
 
 
 def _call(args: argparse.Namespace) -> None:
@@ -99,7 +99,11 @@ def _call(args: argparse.Namespace) -> None:
             result = runner.run_trial(config, args.out, overwrite=args.overwrite, progress=progress)
     finally:
         progress.close()
-    if result.skipped:
+    if result.has_other_code:
+        print(
+            "This trial is finished, but its algorithm's code has changed since: --overwrite runs it again."
+        )
+    elif result.skipped:
         print("This trial is finished already; here are its results (--overwrite runs it again).")
     comparison = {
         "learning curve": learning_curve.learning_curve(result.folder),

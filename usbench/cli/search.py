@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from usbench.cli.arguments import add_sweep, number
+from usbench.cli.arguments import GOES_ON, add_sweep, number
 
 EXAMPLES = """examples:
   usbench search --algo ppo
@@ -47,7 +47,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         help="train so many of the best again, on the paper's tasks with other seeds (default none)",
     )
     add_sweep(search)
-    search.set_defaults(call=_call)
+    search.set_defaults(call=_call, interrupted=GOES_ON)
 
 
 def _call(args: argparse.Namespace) -> None:

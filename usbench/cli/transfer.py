@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from usbench.cli.arguments import add_leaderboard_file
+from usbench.cli.arguments import GOES_ON, add_leaderboard_file
 
 
 def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
@@ -32,7 +32,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
     )
     add_leaderboard_file(transfer)
     transfer.add_argument("--quiet", action="store_true", help="no progress")
-    transfer.set_defaults(call=_call)
+    transfer.set_defaults(call=_call, interrupted=GOES_ON)
 
 
 def _call(args: argparse.Namespace) -> None:

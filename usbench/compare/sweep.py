@@ -18,6 +18,7 @@ from queue import SimpleQueue
 from typing import Any, NoReturn, Protocol
 
 from usbench import records
+from usbench.agents import zoo
 from usbench.records import ConfigurationError, Trial, TrialConfig
 from usbench.setting import Setting
 from usbench.trials import runner
@@ -91,7 +92,8 @@ def run(
     damaged = [outcome for outcome in outcomes if outcome.reason is not None]
     missing = [config for config in configs if known[config.folder_name] is None]
     # Once, before the workers start: they would all simulate the same frames.
-    for setting in dict.fromkeys(_of_frames(config) for config in missing):
+    looking = [config for config in missing if zoo.entry(config.algo).looks]
+    for setting in dict.fromkeys(_of_frames(config) for config in looking):
         setting.prepare_frames(progress.frames)
     n_finished = len(outcomes) - len(damaged)
     progress.started(len(missing) + len(damaged), n_finished, _expected_seconds(missing, out, jobs))

@@ -58,6 +58,7 @@ class Trial:
         versions: Versions of Python and of packages, by name.
         platform: The machine in words.
         started: When it began, in ISO format.
+        code: Checksum of the module of its algorithm's class; "" in trials of earlier versions.
         checksums: SHA-256 of its record files, by name, once it is finished.
     """
 
@@ -78,6 +79,7 @@ class Trial:
     versions: Mapping[str, str] = Field(default_factory=dict)
     platform: str = ""
     started: str = ""
+    code: str = ""
     checksums: Mapping[RecordFile, str] = Field(default_factory=dict)
 
     @classmethod

@@ -28,6 +28,9 @@ class Progress(Protocol):
     def evaluated(self, step: int, mean_return: float, score: float) -> None:
         """The checkpoint at `step` was evaluated, with drawn actions."""
 
+    def stopping(self) -> None:
+        """Somebody has asked for the end, which comes before the next rollout."""
+
     def close(self) -> None:
         """Nothing follows."""
 
@@ -42,6 +45,9 @@ class Silent:
         """Say nothing."""
 
     def evaluated(self, step: int, mean_return: float, score: float) -> None:
+        """Say nothing."""
+
+    def stopping(self) -> None:
         """Say nothing."""
 
     def close(self) -> None:

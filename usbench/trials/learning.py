@@ -19,6 +19,7 @@ from usbench.agents import model_state, zoo
 from usbench.records import TrialConfig
 from usbench.records.journal import Journal
 from usbench.setting import Setting
+from usbench.trials import interruption
 from usbench.trials.callback import Progress, TrainingWatch
 from usbench.trials.evaluation import Evaluator, Recorder
 from usbench.trials.resume_files import Checkpoints
@@ -76,6 +77,7 @@ class Learning:
         self._config, self._journals, self._stopwatch = config, journals, stopwatch
         self._checkpoints: Checkpoints | None = checkpoints
         self._generators: dict[str, Any] | None = None
+        self._progress, self._interruption = progress, interruption.Interruption()
         self._logger: Logger | None = None
         episodes, evaluations = journals
         self.watch = TrainingWatch(
@@ -95,7 +97,7 @@ class Learning:
         self.agent = make_agent(setting, config.algo, vec_env, seed, config.hyperparameters)
         # After the agent was made: SB3 hands its own seed to the environment there.
         vec_env.seed(int(env_seed.generate_state(1)[0]))
-        self._made_by = {**machine, "configuration": config.hash, "code": _source(type(self.agent))}
+        self._made_by = {**machine, "configuration": config.hash, "code": source_digest(type(self.agent))}
 
     def put_back(self, checkpoint: Mapping[str, Any]) -> None:
         """Go on as the content of a checkpoint says.
@@ -136,7 +138,8 @@ class Learning:
                 # Last: whatever was made since the start has drawn from them.
                 model_state.put_generators_back(self.agent, self._generators)
             left = steps - self.agent.num_timesteps if begun else steps
-            self.agent.learn(left, callback=self.watch, reset_num_timesteps=not begun)
+            with interruption.put_off(self._progress.stopping) as self._interruption:
+                self.agent.learn(left, callback=self.watch, reset_num_timesteps=not begun)
             return
         self.watch.from_outside(self.agent)
         self.agent.learn(steps)
@@ -152,9 +155,18 @@ class Learning:
             self._logger.close()
 
     def _keep(self, at_end: bool) -> None:
-        """Write a checkpoint if it is time; nothing here may change what is drawn or learned afterwards."""
-        if self._checkpoints is None or not (at_end or self._checkpoints.due()):
-            return
+        """Write a resume file if it is time; nothing here may change what is drawn or learned afterwards.
+
+        Raises:
+            KeyboardInterrupt: If somebody has asked for the end.
+        """
+        asked = self._interruption.is_asked
+        if self._checkpoints is not None and (at_end or asked or self._checkpoints.due()):
+            self._write_resume_file(self._checkpoints)
+        if asked:
+            raise KeyboardInterrupt
+
+    def _write_resume_file(self, checkpoints: Checkpoints) -> None:
         try:
             content = {
                 "made_by": self._made_by,
@@ -169,7 +181,7 @@ class Learning:
             log.warning("no checkpoints, so that a trial that is killed starts again from step 0: %s", error)
             self._checkpoints = None
             return
-        self._checkpoints.write(self.agent.num_timesteps, content)
+        checkpoints.write(self.agent.num_timesteps, content)
 
 
 @contextlib.contextmanager
@@ -193,7 +205,7 @@ def machine() -> dict[str, Any]:
     return {"processor": torch.backends.cpu.get_cpu_capability()}
 
 
-def _source(cls: type) -> str:
+def source_digest(cls: type) -> str:
     """Return a checksum of the module of `cls`, empty where it has no source: who works on it starts anew."""
     try:
         return hashlib.sha256(Path(inspect.getfile(cls)).read_bytes()).hexdigest()

@@ -17,6 +17,7 @@ import torch
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from usbench import records, suite
+from usbench.agents import zoo
 from usbench.atomic import atomic_path, remove_leftovers
 from usbench.records import Trial, TrialConfig, checksums
 from usbench.records.journal import Journal
@@ -26,7 +27,7 @@ from usbench.trials.configuration import PACKAGES
 from usbench.trials.evaluation import Evaluator
 from usbench.trials.finished import is_finished
 from usbench.trials.glibc_memory import keep_freed
-from usbench.trials.learning import Learning, heard_once, machine, make_agent
+from usbench.trials.learning import Learning, heard_once, machine, make_agent, source_digest
 from usbench.trials.lock import locked
 from usbench.trials.resume_files import Checkpoints, interval
 from usbench.trials.stopwatch import Stopwatch
@@ -43,10 +44,17 @@ class TrialError(RuntimeError):
 
 @dataclass(frozen=True)
 class Result:
-    """Where a trial left its records, and whether it had been finished before."""
+    """What became of a trial.
+
+    Attributes:
+        folder: Where its records are.
+        skipped: Whether it had been finished before.
+        has_other_code: Whether the code of its algorithm has changed since it was finished.
+    """
 
     folder: Path
     skipped: bool
+    has_other_code: bool = False
 
 
 def run_trial(
@@ -65,7 +73,7 @@ def run_trial(
     folder = out / config.folder_name
     seconds = interval()
     if not overwrite and is_finished(config, out):
-        return Result(folder, skipped=True)
+        return _skipped(config, folder)
     with contextlib.ExitStack() as held:
         try:
             held.enter_context(locked(folder))
@@ -73,7 +81,7 @@ def run_trial(
             raise records.unwritable(out, error) from error
         # Again: another process may have finished it meanwhile.
         if not overwrite and is_finished(config, out):
-            return Result(folder, skipped=True)
+            return _skipped(config, folder)
         # One thread per trial: as fast on frames of this size, and the bits do not depend on the machine.
         torch.set_num_threads(1)
         keep_freed()
@@ -83,6 +91,13 @@ def run_trial(
     del running
     gc.collect()
     return Result(folder, skipped=False)
+
+
+def _skipped(config: TrialConfig, folder: Path) -> Result:
+    recorded = Trial.read(folder).code
+    # Trials of earlier versions have recorded none.
+    other = recorded not in ("", source_digest(zoo.model_class(config.algo)))
+    return Result(folder, skipped=True, has_other_code=other)
 
 
 class _Run:
@@ -106,6 +121,7 @@ class _Run:
             versions={"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
             platform=platform.platform(),
             started=datetime.now(UTC).isoformat(timespec="seconds"),
+            code=source_digest(zoo.model_class(config.algo)),
         )
 
     def run(self, *, anew: bool) -> None:
@@ -141,6 +157,8 @@ class _Run:
         records.create(self.out, self.config)
 
     def _frames(self) -> None:
+        if not zoo.entry(self.config.algo).looks:
+            return
         with self.stopwatch.timed("frames_s"):
             frames = self.setting.prepare_frames(self.progress.frames)
         self._write(frames=frames)
@@ -189,8 +207,7 @@ class _Run:
 
     def _machine(self) -> dict[str, Any]:
         """Return what must be the same for the bits to be the same, as plain data."""
-        assert self.trial.frames is not None
-        frames = asdict(self.trial.frames)
+        frames = asdict(self.trial.frames) if self.trial.frames else {}
         return {"versions": dict(self.trial.versions), "frames": frames, **machine()}
 
     def _learn(self, learning: Learning) -> None:

@@ -1,0 +1,100 @@
+"""Tasks of other packages, found by their entry point: trained like any other, or refused in one sentence."""
+
+import os
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import pytest
+
+from usbench import records, tasks
+
+MODULE = """
+from dataclasses import replace
+
+from usbench.envs.tasks.probe_plane import PROBE_PLANE, ProbePlaneEnv
+from usbench.tasks import Row
+
+PLAIN = Row(env_id="other/Upright-v0", entry_point="other_tasks:UprightEnv", steps=64)
+
+
+class UprightEnv(ProbePlaneEnv):
+    "The probe plane with one start."
+
+    task = replace(PROBE_PLANE, name="upright", title="Upright", starts=PROBE_PLANE.starts[:1])
+"""
+
+
+@pytest.fixture
+def installed(tmp_path, monkeypatch):
+    """`installed("name = module:object", ..)`: packages with such entry points, as pip leaves them."""
+
+    def install(*points, module=MODULE):
+        (tmp_path / "other_tasks.py").write_text(textwrap.dedent(module))
+        for number, point in enumerate(points):
+            info = tmp_path / f"other{number}-1.0.dist-info"
+            info.mkdir()
+            (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: other{number}\nVersion: 1.0\n")
+            (info / "entry_points.txt").write_text(f"[usbench.tasks]\n{point}\n")
+        monkeypatch.syspath_prepend(str(tmp_path))
+        tasks.rows.cache_clear()
+
+    yield install
+    sys.modules.pop("other_tasks", None)
+    tasks.rows.cache_clear()
+
+
+def test_its_row_is_beside_those_of_the_package(installed):
+    installed("upright = other_tasks:PLAIN")
+    assert list(tasks.rows())[-1] == "upright" and tasks.row_of("upright").steps == 64
+
+
+@pytest.mark.parametrize(
+    ("points", "message"),
+    [
+        (["upright = nowhere:ROW"], "the task 'upright' of the package 'other0' cannot be imported (Module"),
+        (["upright = other_tasks:MISSING"], "cannot be imported (AttributeError"),
+        (["upright = other_tasks:UprightEnv"], "must be a usbench.tasks.Row"),
+        (["pp = other_tasks:PLAIN"], "'other0' brings a task 'pp', which exists already"),
+        (["up = other_tasks:PLAIN", "up = other_tasks:PLAIN"], "brings a task 'up', which exists already"),
+    ],
+)
+def test_a_package_whose_task_cannot_be_used_is_refused(installed, points, message):
+    installed(*points)
+    with pytest.raises(records.ConfigurationError) as refused:
+        tasks.rows()
+    assert message in str(refused.value) and "\n" not in str(refused.value)
+
+
+CODE = """
+import sys
+import sweep_worker
+sweep_worker.quick()
+from usbench import cli
+sys.exit(cli.main(sys.argv[1:]))
+"""
+
+
+def command(tmp_path, *argv, start=("-c", CODE)):
+    paths = os.pathsep.join([str(tmp_path), str(Path(__file__).parent / "support")])
+    return subprocess.run(
+        [sys.executable, *start, *argv], cwd=tmp_path, capture_output=True, text=True,
+        env={**os.environ, "PYTHONPATH": paths},
+    )  # fmt: skip
+
+
+def test_it_is_trained_evaluated_and_read_back_like_any_other(installed, tmp_path):
+    installed("upright = other_tasks:PLAIN")
+    done = command(tmp_path, "run", "--algo", "vpg", "--task", "upright", "--quiet")
+    assert done.returncode == 0, done.stderr
+    (trial,) = records.load_trials(tmp_path / "runs")
+    assert trial.status == "finished" and trial.config.environment["id"] == "other/Upright-v0"
+    assert "upright" in command(tmp_path, "list").stdout
+
+
+def test_a_broken_package_ends_the_command_with_status_2(installed, tmp_path):
+    installed("upright = nowhere:ROW")
+    done = command(tmp_path, "run", "--algo", "vpg", "--task", "pp", start=("-m", "usbench"))
+    assert done.returncode == 2 and done.stderr.count("\n") == 1
+    assert "the package 'other0' cannot be imported" in done.stderr
