@@ -1,11 +1,15 @@
 """Cells and matrices from rows of trials."""
 
+import json
+
 import numpy as np
 import pandas as pd
 import pytest
 from made_tables import made, seeds, trial
 
-from usbench.results import scores
+from usbench.results import scores, tables
+from usbench.trials import runner
+from usbench.trials.configuration import resolve
 
 
 def cell(known, **names):
@@ -138,12 +142,33 @@ def test_nothing_is_averaged_over_different_environments():
     assert reasons == dict.fromkeys(("a2c", "vpg"), "trials of fp, noise 0 are from different environments")
 
 
-def test_value_based_agents_have_no_score_with_drawn_actions():
-    explores = {"settings": '{"environment": "e", "exploration_final_eps": 0.05}'}
-    known = made(trial("vpg", 0.5), trial("dqn", 0.9, **explores))
+@pytest.mark.parametrize("setting", ['"exploration_final_eps": 0.05', '"explores": true'])
+def test_value_based_agents_have_no_score_with_sampled_actions(setting):
+    text = '{"environment": "e", "note": "\\"exploration_final_eps\\""}'
+    explores = {"settings": f'{{"environment": "e", {setting}}}'}
+    known = made(trial("vpg", 0.5, settings=text), trial("dqn", 0.9, **explores))
     assert cell(known, algo="vpg", actions="drawn")["score"] == pytest.approx(0.4)
     assert np.isnan(cell(known, algo="dqn", actions="drawn")["score"])
     assert cell(known, algo="dqn", actions="greedy")["score"] == 0.9
+
+
+def test_value_based_agents_from_outside_have_no_score_with_sampled_actions(quick, tmp_path, monkeypatch):
+    # Their hyperparameters are none of the table's: here the buffer, which would take 54 GB.
+    (tmp_path / "small_buffer.py").write_text(
+        "from dataclasses import replace\n"
+        "from usbench.agents.zoo import entry\n"
+        "DQN = replace(entry('stable_baselines3:DQN'), kwargs={'buffer_size': 64})\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    algos = {"small_buffer:DQN": {}, "stable_baselines3:A2C": {}, "dqn": {"buffer_size": 64}}
+    for algo, overrides in algos.items():
+        runner.run_trial(resolve(algo, "pp", steps=64, overrides=overrides), tmp_path / "runs")
+    known = tables.collect(tmp_path / "runs")
+    told = {row.algo: "explores" in json.loads(row.settings) for row in known.trials.itertuples()}
+    # The settings of "dqn" tell already, and stay as they always were.
+    assert [told[algo] for algo in algos] == [True, False, False]
+    sampled = scores.cells(known).query("actions == 'drawn'").set_index("algo")["score"]
+    assert [bool(np.isnan(sampled[algo])) for algo in algos] == [True, False, True]
 
 
 def test_area_is_over_the_steps_that_an_agent_had_learned_from():

@@ -55,6 +55,7 @@ class Trial:
         references: Means over the evaluation episodes of the reference policies "random" and "optimal".
         timings: Seconds by name, `training_s` and `total_s` among them.
         frames: What identifies its frames; None before they are prepared.
+        explores: Whether sampled actions of its agent are exploration, once it is finished.
         versions: Versions of Python and of packages, by name.
         platform: The machine in words.
         started: When it began, in ISO format.
@@ -76,6 +77,7 @@ class Trial:
     references: Mapping[str, Means] = Field(default_factory=dict)
     timings: Mapping[str, float] = Field(default_factory=dict)
     frames: Frames | None = None
+    explores: bool = False
     versions: Mapping[str, str] = Field(default_factory=dict)
     platform: str = ""
     started: str = ""

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from usbench.results import stats
-from usbench.results.tables import DRAWN, GREEDY, MEANS, TRAINING, Results
+from usbench.results.tables import DRAWN, EXPLORATION, GREEDY, MEANS, TRAINING, Results
 from usbench.tasks import PAPER
 
 SCORED = GREEDY
@@ -45,8 +45,9 @@ def environments(trials: pd.DataFrame) -> pd.Series:
 
 
 def value_based(trials: pd.DataFrame) -> pd.Series:
-    """Return which trials are of agents that explore, having no probabilities to draw actions with."""
-    return trials["settings"].str.contains('"exploration_final_eps"', regex=False)
+    """Return which trials are of agents whose sampled actions are exploration."""
+    settings = trials["settings"].map(json.loads)
+    return settings.map(lambda own: EXPLORATION in own or own.get("explores") is True).astype(bool)
 
 
 def cells(results: Results) -> pd.DataFrame:

@@ -26,6 +26,8 @@ ORDER = ["task", "noise", "algo", "configuration", "seed"]
 TRAINING, DRAWN, GREEDY = "training", "drawn", "greedy"
 KINDS = (TRAINING, DRAWN, GREEDY)
 TRAINING_PARTS = 50
+# The hyperparameter of this package's value-based agents by which they explore.
+EXPLORATION = "exploration_final_eps"
 DECIMALS = 5
 
 TRIAL_COLUMNS: Mapping[str, type] = {
@@ -199,7 +201,7 @@ def _row(config: TrialConfig, trial: Trial | None) -> dict[str, Any]:
         "configuration": digest({key: value for key, value in plain.items() if key != "seed"}),
         "status": "missing" if trial is None else trial.status,
         "reason": (trial.reason if trial else None) or "",
-        "settings": _settings(plain),
+        "settings": _settings(plain, explores=trial is not None and trial.explores),
         **{key: anchors.get(key, np.nan) for key in ("optimal", "random", "stay")},
         **{key: timings.get(key, np.nan) for key in ("training_s", "total_s")},
         "versions": ", ".join(f"{package} {versions[package]}" for package in sorted(versions)),
@@ -207,11 +209,17 @@ def _row(config: TrialConfig, trial: Trial | None) -> dict[str, Any]:
     }
 
 
-def _settings(config: Mapping[str, Any]) -> str:
-    """Return what a configuration sets beside its cell, as flat JSON; the environment as a digest."""
+def _settings(config: Mapping[str, Any], *, explores: bool) -> str:
+    """Return what a configuration sets beside its cell, as flat JSON; the environment as a digest.
+
+    That the agent explores stands there only where no hyperparameter tells: settings that are known keep
+    their text.
+    """
     cell = ("task", "noise", "algo", "seed", "steps", "hyperparameters", "environment")
     flat = {key: value for key, value in config.items() if key not in cell}
     flat |= config.get("hyperparameters", {}) | {"environment": digest(config.get("environment", {}))}
+    if explores and EXPLORATION not in flat:
+        flat["explores"] = True
     return json.dumps(flat, sort_keys=True, default=str)
 
 

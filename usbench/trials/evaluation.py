@@ -159,6 +159,11 @@ class Evaluator:
             env.close()
 
 
+def explores(agent: Agent) -> bool:
+    """Return whether an agent's sampled actions are exploration: it is value-based, as SB3's DQN."""
+    return hasattr(agent, "exploration_rate")
+
+
 def _act(
     agent: Any, seen: Any, state: Any, first: npt.NDArray[np.bool_], deterministic: bool
 ) -> tuple[npt.NDArray[Any], Any]:
@@ -167,10 +172,11 @@ def _act(
     SB3's value-based agents toss one coin for a whole batch, to explore in all of it or nowhere: here each
     episode has its own.
     """
-    explores = isinstance(agent, OffPolicyAlgorithm) and hasattr(agent, "exploration_rate")
-    greedy = deterministic or explores
-    actions, state = agent.predict(seen, state=state, episode_start=first, deterministic=greedy)
-    if explores and not deterministic:
+    tosses = isinstance(agent, OffPolicyAlgorithm) and explores(agent) and not deterministic
+    actions, state = agent.predict(
+        seen, state=state, episode_start=first, deterministic=deterministic or tosses
+    )
+    if tosses:
         for k in np.flatnonzero(np.random.rand(len(actions)) < agent.exploration_rate):
             actions[k] = agent.action_space.sample()
     return actions, state

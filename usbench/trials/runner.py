@@ -24,7 +24,7 @@ from usbench.records.journal import Journal
 from usbench.setting import Setting
 from usbench.trials.callback import Progress, Silent
 from usbench.trials.configuration import PACKAGES
-from usbench.trials.evaluation import Evaluator
+from usbench.trials.evaluation import Evaluator, explores
 from usbench.trials.finished import is_finished
 from usbench.trials.glibc_memory import keep_freed
 from usbench.trials.learning import Learning, heard_once, machine, make_agent, source_digest
@@ -141,7 +141,7 @@ class _Run:
                 self._write(references={name: self._reference(algo) for name, algo in REFERENCES.items()})
             self._save_model()
             files = checksums.of(self.folder, (records.EPISODES, records.EVALUATIONS))
-            self._write(status="finished", checksums=files)
+            self._write(status="finished", checksums=files, explores=explores(self.agent))
         except KeyboardInterrupt:
             self._give_up("interrupted", "stopped by the user")
             raise
