@@ -87,7 +87,7 @@ def test_environments_import_only_environments(path):
 
 # Modules of watch that ask agents, which takes torch.
 ASKING = ("usbench.watch.advice", "usbench.watch.selection")
-READING = ("anchors", "atomic", "checks", "records", "tasks", "setting", "suite", "envs")
+READING = ("anchors", "atomic", "checks", "coordinates", "records", "tasks", "setting", "suite", "envs")
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "usbench/watch").glob("*.py")), ids=lambda path: path.stem)
