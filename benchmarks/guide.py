@@ -1,7 +1,7 @@
 """How long the guide's page takes from a key to the new frame, in a headless Chromium; and its picture.
 
 Run `python benchmarks/guide.py TRIAL [--picture docs/guide.png]`. The time counts from the key's event to the
-second picture after the new frame was drawn, so that the frame has been on the screen.
+second refresh of the page after the new frame was drawn, when the frame has been on the screen.
 """
 
 import argparse

@@ -14,7 +14,7 @@ from usbench.trials.model_loading import load_agent
 from usbench.watch.advice import Adviser
 
 ORACLE = "oracle"
-# What an agent has learned to read: in other images its advice means nothing.
+# What decides how images look: in other images than those of its training, an agent's advice means nothing.
 SEEN = ("anatomy", "probe", "imaging")
 
 
@@ -24,7 +24,7 @@ class Known:
 
     Attributes:
         folder: Of the trial.
-        setting: What the agent was trained in.
+        setting: What the agent met in training.
         label: What the page calls it.
         score: Normalised score of its last evaluation with greedy actions; None if there is none.
     """
@@ -65,7 +65,7 @@ def known(folder: Path) -> Known:
         raise ConfigurationError(f"{str(folder)!r} is not the folder of a trial: no {records.TRIAL} in it.")
     trial = _known(folder.resolve())
     if trial is None:
-        load_agent(folder)  # knows why not
+        load_agent(folder)  # raises the error that says why
         raise ConfigurationError(f"{str(folder)!r} is not the trial of an agent that learns.")
     return trial
 
@@ -101,7 +101,10 @@ def open_oracle(setting: Setting) -> Opened:
 
 
 def _known(folder: Path) -> Known | None:
-    """Return what `trial.json` says; it may come from a stranger, so that anything can be wrong with it."""
+    """Return the trial that `trial.json` describes, None if it has no agent to ask or cannot be read.
+
+    The file may come from a stranger, so that anything can be wrong with it.
+    """
     try:
         trial = Trial.read(folder)
         config, score = trial.config, _score(trial)

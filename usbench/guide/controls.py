@@ -13,10 +13,10 @@ class Control:
 
     Attributes:
         name: What the task calls the action.
-        advice: What is said to somebody who should take it.
-        key: The key that takes it, as browsers name it.
-        key_label: What stands on that key.
-        icon: Which arrow is drawn, one of the page's symbols.
+        advice: The words that advise this action.
+        key: The key that takes this action, as browsers name it.
+        key_label: What is printed on that key.
+        icon: Name of the arrow or sign, one of the page's symbols.
     """
 
     name: str

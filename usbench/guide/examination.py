@@ -24,7 +24,7 @@ GUIDED = tuple(name for name, task in suite.TASKS.items() if task.guidance.coord
 
 @dataclass(frozen=True)
 class Opened:
-    """An agent that can be asked, and the number of frames that it looks at."""
+    """An agent that can be asked, and the number of frames in one of its observations."""
 
     adviser: Adviser
     n_frames: int = 4
@@ -35,15 +35,15 @@ class Examination:
 
     Attributes:
         setting: Task, noise, anatomy, probe and imaging.
-        actions: What was done so far.
+        actions: The actions so far.
         optimum: Return of the best policy that knows the pose, after every number of steps, from the same
             start and with the same slips.
         pose: Where the probe is.
-        return_: Sum of rewards so far.
-        slip: What noise did to the probe after the last action, in words; empty if nothing.
+        return_: Sum of the rewards so far.
+        slip: How the probe slipped after the last action, in words; empty if it did not.
         blocked: Whether the last action would have moved the probe beyond its limits.
         at_goal: Whether this pose is the goal.
-        advice: What the agent advises now; None without an agent, and at the end.
+        advice: The agent's advice for the next action; None without an agent, and at the end.
     """
 
     def __init__(self, setting: Setting, seed: int, agent: Opened | None = None) -> None:
@@ -85,7 +85,7 @@ class Examination:
         return anchors.score(return_)
 
     def ask(self, agent: Opened | None) -> None:
-        """Let another agent advise, or none; it is shown the episode from its start."""
+        """Let another agent advise, or none; the agent is shown the episode from the start."""
         done, self.actions = self.actions, []
         self._adviser = agent.adviser if agent else None
         n_frames = agent.n_frames if agent else 1

@@ -1,4 +1,7 @@
-"""The page of a guide on loopback: Starlette's routes to a `Session`, nothing else."""
+"""The page of a guide on loopback: Starlette's routes to a `Session`, nothing else.
+
+A GET changes nothing; whatever changes the session is a POST.
+"""
 
 import contextlib
 import json

@@ -1,4 +1,4 @@
-"""What a person has chosen on the page, what its buttons do, and all that it shows, as plain data."""
+"""What a person has chosen on the page, what the page's buttons do, and all that it shows, as plain data."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import asdict, replace
@@ -28,9 +28,9 @@ class Session:
         setting: Task, noise, anatomy, probe and imaging of the examinations.
         examination: The episode that is going on.
         agent: Name of the trial whose agent advises, or "oracle".
-        message: What the person should know, a sentence; empty if nothing.
-        tasks: Those that can be chosen.
-        hidden: Whether the object and all that tells where it is are hidden until the episode ends.
+        message: A sentence for the person; empty if there is nothing to say.
+        tasks: Tasks that can be chosen.
+        hidden: Whether the object, and all that tells where it is, is hidden until the episode ends.
         training: Trains an agent on request.
     """
 
@@ -38,7 +38,7 @@ class Session:
         """Begin with the agent of `trial`, or with the best of its task in `runs`.
 
         Args:
-            runs: Folder with trials; what is trained here goes there.
+            runs: Folder with trials; an agent that is trained here becomes a trial there.
             trial: Folder of a trial.
             seed: Of the episodes; None draws one.
             setting: Attributes of a `Setting`: task, noise, probe, imaging. One that is missing or None is
@@ -70,11 +70,11 @@ class Session:
         self.examination = Examination(self.setting, seed, self._opened)
 
     def act(self, action: Any) -> None:
-        """Take an action; ValueError or TypeError if there is none such, or the episode is over."""
+        """Take an action; ValueError or TypeError if there is no such action, or the episode is over."""
         self.examination.act(action)
 
     def follow(self) -> None:
-        """Take the action that the agent advises; ValueError if there is none."""
+        """Take the action that the agent advises; ValueError if nothing is advised."""
         self.examination.follow()
 
     def train(self) -> None:
@@ -88,7 +88,7 @@ class Session:
     def update(self) -> None:
         """Notice how far the training is; once it is finished, let its agent advise.
 
-        Something else that was chosen meanwhile stays.
+        An agent or a task that was chosen meanwhile stays.
         """
         before = self.training.progress.status
         self.training.update()
@@ -103,7 +103,7 @@ class Session:
     def choose(
         self, *, task: Any = None, noise: Any = None, agent: Any = None, hidden: bool | None = None
     ) -> None:
-        """Change what is given; another task or noise begins a new episode.
+        """Change what is not None; another task or noise begins a new episode.
 
         Raises:
             ConfigurationError: If a value is not allowed.
@@ -127,7 +127,7 @@ class Session:
             self.begin()
 
     def close(self) -> None:
-        """End what runs in the background."""
+        """End a training that runs in the background."""
         self.training.close()
 
     def state(self) -> dict[str, Any]:
@@ -153,7 +153,10 @@ class Session:
             "goal": self.examination.goal,
             "noises": sorted({*NOISES, self.setting.noise}),
             "noise": self.setting.noise,
-            "agents": [*agents, {"name": ORACLE, "label": "the exact optimum", "task": None}],
+            "agents": [
+                *agents,
+                {"name": ORACLE, "label": "the exact optimum (knows the pose)", "task": None},
+            ],
             "agent": self.agent,
             "label": self._label(),
             "exact": self.agent == ORACLE,
@@ -165,7 +168,7 @@ class Session:
         return "the exact optimum" if self.agent == ORACLE else self._trials[self.agent].label
 
     def _untrained(self) -> str:
-        """Return in a sentence that no agent fits the task, and why; empty if one does."""
+        """Return in a sentence why no agent of the task can be chosen; empty if one can."""
         task = self.setting.task
         if any(trial.task == task for trial in self._trials.values()):
             return ""
@@ -180,7 +183,7 @@ class Session:
         return "No agent is trained for this task yet; the exact optimum advises."
 
     def _find(self) -> None:
-        """Look for trials: those whose agents can be chosen here, and others."""
+        """Look for trials: those whose agents can be chosen here, and those that met other images."""
         known = guide_agents.find(self._runs)
         fitting = [one for one in known if one.task in self.tasks and not one.differences(self.setting)]
         self._others = [one for one in known if one.differences(self.setting)]

@@ -12,7 +12,7 @@ from usbench.records.journal import read_rows
 from usbench.setting import Setting
 from usbench.trials.configuration import resolve
 
-# The quickest learner of the zoo, and steps after which it knows its way.
+# The zoo's quickest learner, and a number of steps after which it finds the goal.
 ALGO, STEPS = "dqn", 3000
 USBENCH = [sys.executable, "-P", "-m", "usbench"]
 
@@ -27,7 +27,7 @@ class Progress:
         step: Training steps done.
         steps: Training steps to do.
         folder: Of the trial.
-        reason: Why it failed, a sentence; empty otherwise.
+        reason: Why the training failed, a sentence; empty otherwise.
     """
 
     status: Literal["idle", "running", "finished", "failed"] = "idle"
@@ -39,7 +39,7 @@ class Progress:
 
 
 class QuickTraining:
-    """At most one training at a time; one that was ended goes on from its resume file another time.
+    """At most one training at a time; if it is ended early, the next one goes on from its resume file.
 
     Attributes:
         progress: How far the training is, as of the last `update`.
@@ -90,11 +90,11 @@ class QuickTraining:
             now = replace(now, status="finished")
         elif ended:
             lines = self._process.communicate()[1].strip().splitlines()
-            now = replace(now, status="failed", reason=lines[-1] if lines else "the training was ended.")
+            now = replace(now, status="failed", reason=lines[-1] if lines else "it ended without a message.")
         self.progress = now
 
     def close(self) -> None:
-        """End the training; what it has recorded is kept."""
+        """End the training; its records are kept."""
         if self._process is None:
             return
         self._process.terminate()

@@ -11,7 +11,11 @@ from usbench.watch.film import fixed
 
 
 def seen(examination: Examination, *, hidden: bool) -> dict[str, Any]:
-    """Return the episode; while the object is hidden, nothing that tells where it is before the end."""
+    """Return the episode; while the object is hidden, without anything that tells where it is before the end.
+
+    Among it, of the picture: `frame_mm` is depth and width of the frame, `reach_mm` how far the probe's
+    centre can be from x = 0.
+    """
     tells = examination.over or not hidden
     phantom, frame, imaging = examination.phantom, examination.frame, examination.setting.imaging
     known = phantom.object_of_interest
@@ -49,7 +53,7 @@ def happened(examination: Examination) -> str:
 
 
 def verdict(examination: Examination) -> str:
-    """Return how an episode ended; empty before."""
+    """Return in words how the episode ended; empty before its end."""
     if not examination.over:
         return ""
     ours, best = (examination.score(value) for value in (examination.return_, examination.optimum[-1]))

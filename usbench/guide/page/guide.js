@@ -114,7 +114,7 @@ function render(state) {
 function renderSettings(state) {
   options("task", Object.entries(state.tasks).map(([value, label]) => ({ value, label })), state.task);
   options("noise", state.noises.map((value) => ({ value: String(value), label: `${100 * value} %` })), String(state.noise));
-  const group = (agent) => agent.task === null ? "Knows the pose" : `Trained: ${state.tasks[agent.task]}`;
+  const group = (agent) => agent.task === null ? "Reference policy" : `Trained: ${state.tasks[agent.task]}`;
   options("agent", state.agents.map((agent) => ({ value: agent.name, label: agent.label, group: group(agent) })), state.agent);
   byId("hidden").checked = state.hidden;
   byId("goal").textContent = state.goal;
@@ -146,7 +146,7 @@ function renderAdvice({ advice, controls, over, exact, label }) {
   // At the end all keeps its place, so that no button moves away under a finger.
   byId("advice").hidden = !advice && !over;
   byId("silence").textContent = advice || over ? "" : "No advice: choose an agent that fits the task.";
-  byId("confidence-title").textContent = !advice ? "\u00a0" : advice.kind === "value" ? "Return expected of each action" : "Probability of each action";
+  byId("confidence-title").textContent = !advice ? "\u00a0" : advice.kind === "value" ? "Expected return of each action" : "Probability of each action";
   const words = advice?.words ?? "the episode is over";
   byId("advice").querySelector("use").setAttribute("href", advice ? `#icon-${advice.icon}` : "");
   byId("advice").querySelector("strong").textContent = words[0].toUpperCase() + words.slice(1);
