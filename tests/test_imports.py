@@ -138,6 +138,25 @@ def test_comparisons_import_no_page_and_no_command(path):
     assert not foreign(path, *(f"usbench.{name}" for name in allowed), *GROUND)
 
 
+@pytest.mark.parametrize(
+    "path", sorted((ROOT / "usbench" / "guide").glob("*.py")), ids=lambda path: path.stem
+)
+def test_the_guide_imports_no_report_no_comparison_and_no_command(path):
+    allowed = (
+        "guide",
+        "watch",
+        "figures",
+        "results",
+        "trials",
+        "setting",
+        "suite",
+        "records",
+        "agents",
+        "envs",
+    )
+    assert not foreign(path, *(f"usbench.{name}" for name in allowed), *GROUND)
+
+
 def test_commands_on_records_load_no_torch_and_from_tables_no_simulator(finished, tmp_path):
     tables.write(made(*seeds("vpg", [0.5, 0.6])), tmp_path / "leaderboard_files")
     runs = str(finished.parent)

@@ -1,5 +1,6 @@
 """The guide in a real Chromium, driven as a person does."""
 
+import contextlib
 import dataclasses
 import os
 import re
@@ -14,6 +15,8 @@ from state_files import write_state
 from usbench import records
 from usbench.agents import zoo
 from usbench.envs import guidance
+from usbench.envs.bmode import Imaging
+from usbench.envs.probe import LinearArray
 from usbench.guide import examination
 from usbench.guide import server as guide_server
 from usbench.guide.session import Session
@@ -61,7 +64,22 @@ def untrained(tmp_path_factory):
 def page(browser, untrained, quick, monkeypatch):
     """The page of a guide that knows one trial, with the exact optimum advising."""
     monkeypatch.setattr(examination, "frame_store", guidance.frame_store)
-    session = Session(untrained.parent, seed=4)
+    with shown(browser, Session(untrained.parent, seed=4)) as page:
+        yield page
+
+
+@pytest.fixture
+def square(browser, quick, monkeypatch, tmp_path):
+    """The page of a guide with a probe of 60 mm and square frames."""
+    monkeypatch.setattr(examination, "frame_store", guidance.frame_store)
+    imaging = Imaging(height_px=128, width_px=128, pixel_size=0.5e-3)
+    with shown(browser, Session(tmp_path, seed=4, probe=LinearArray(n_lines=96), imaging=imaging)) as page:
+        yield page
+
+
+@contextlib.contextmanager
+def shown(browser, session):
+    """Serve `session`, show it, and check at the end that the page has met no problem."""
     with guide_server.listening() as listener:
         server = guide_server.server(session)
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
@@ -163,6 +181,34 @@ def test_misfit_hidden_object_and_ended_guide_are_clear(page, untrained):
     page.get_by_role("button", name="left").press("Enter")
     expect(page.get_by_role("alert")).to_contain_text("Start it again with: usbench guide")
     page.problems.clear()  # the browser's own message of the request
+
+
+def inside(inner, outer):
+    """Whether one box lies in another, to a pixel."""
+    return all(
+        outer[start] - 1 <= inner[start] and inner[start] + inner[size] <= outer[start] + outer[size] + 1
+        for start, size in (("x", "width"), ("y", "height"))
+    )
+
+
+@pytest.mark.parametrize("width", [360, 640, 1280])
+def test_frame_and_scene_follow_probe_and_imaging(square, width):
+    square.set_viewport_size({"width": width, "height": 800})
+    frame = square.get_by_role("img", name="B-mode frame, 64 by 64 mm, focus at 50 mm").bounding_box()
+    assert frame["width"] == pytest.approx(frame["height"], abs=1) and frame["width"] > 100
+    assert inside(frame, square.locator(".frame").bounding_box())
+    assert square.locator("#frame-axes text").all_text_contents()[-3:] == ["\u221232", "0", "+32"]
+    assert square.locator("#above .plane").get_attribute("x2") == "30"
+    # Where the probe is at its limit, its picture ends within the view.
+    for step in range(8):
+        square.keyboard.press("ArrowRight")
+        expect(square.get_by_text(f"Step {step + 1} of 16")).to_be_visible()
+    expect(square.locator("#x")).to_have_text("+20 mm")
+    for view in ("above", "side"):
+        assert inside(
+            square.locator(f"#{view} .slab").bounding_box(), square.locator(f"#{view}").bounding_box()
+        )
+    assert square.evaluate("document.documentElement.scrollWidth") <= width
 
 
 def test_everything_has_a_name_and_fits_any_width(page):

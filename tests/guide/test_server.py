@@ -135,10 +135,13 @@ def test_port_that_is_none_is_refused(port):
         ),
         (["--noise", "2"], "noise must be a probability in [0, 1], not 2."),
         (["--seed", "x"], "seed"),
+        (["--probe", "negative.toml"], "'negative.toml' cannot be used: line_spacing must be a positive"),
+        (["--imaging", "negative.toml"], "'negative.toml' cannot be used: unknown field"),
     ],
 )
 def test_command_refuses_in_one_sentence(arguments, sentence, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    Path("negative.toml").write_text("line_spacing = -1\n")
     assert cli.main(["guide", "--no-browser", *arguments]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("usbench: error: ") and sentence in line

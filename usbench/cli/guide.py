@@ -7,12 +7,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from usbench.cli.arguments import number
+from usbench.cli.arguments import add_probe_and_imaging, number, probe_and_imaging
 
 EXAMPLES = """examples:
   usbench guide
   usbench guide runs/pp-p0-vpg-s0-f5fd15c6 --noise 0.25
   usbench guide --task fp --port 8000 --no-browser
+  usbench guide --probe probe.toml --imaging imaging.toml
 
 Nobody but this machine can reach the page. From elsewhere: ssh -L 8000:127.0.0.1:8000 HOST
 """
@@ -33,6 +34,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
     )
     guide.add_argument("--task", metavar="NAME", help="task to begin with (default: the trial's, or pp)")
     guide.add_argument("--noise", type=number, metavar="P", help="0..1 (default: the trial's, or 0)")
+    add_probe_and_imaging(guide)
     guide.add_argument("--seed", type=number, metavar="N", help="of the episodes (default: drawn)")
     guide.add_argument(
         "--runs", type=Path, default=Path("runs"), metavar="DIR", help="folder with trials (default runs)"
@@ -50,7 +52,8 @@ def _call(args: argparse.Namespace) -> None:
     from usbench.tasks import PAPER
 
     with server.listening(args.port) as listener:
-        session = Session(args.runs, args.trial, task=args.task, noise=args.noise, seed=args.seed)
+        own = {"task": args.task, "noise": args.noise, **probe_and_imaging(args)}
+        session = Session(args.runs, args.trial, seed=args.seed, **own)
         bars = console.Bars()
         # Of other tasks there are thousands: they are simulated as the probe moves.
         for task in sorted({*session.tasks} & {*PAPER}):
