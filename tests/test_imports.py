@@ -15,7 +15,7 @@ FOLDERS = {"usbench": "usbench", "usbench.envs": "envs", "usbench.agents": "agen
 PHYSICS = ("pose", "phantom", "probe", "rf", "bmode", "scanner", "frames")
 # Pure readers of records; the terminal's part of it is imported by the command line alone.
 READERS = (
-    "usbench.records", "usbench.figures.learning_curve", "usbench.figures.comparison",
+    "usbench.records", "usbench.figures.learning_curve", "usbench.figures.plots",
     "usbench.results.leaderboard", "usbench.watch.replay", "usbench.watch.terminal",
     "usbench.report.page", "usbench.cli.console", "usbench.cli",
 )  # fmt: skip
@@ -85,18 +85,45 @@ def test_environments_import_only_environments(path):
     assert not foreign(path, "usbench.envs", *GROUND)
 
 
-# Modules of watch that ask agents, which takes torch.
-ASKING = ("usbench.watch.advice", "usbench.watch.selection")
-READING = ("anchors", "atomic", "checks", "coordinates", "records", "tasks", "setting", "suite", "envs")
+# What anything that shows results stands on.
+BELOW = tuple(
+    f"usbench.{name}" for name in ("anchors", "atomic", "checks", "coordinates", "records", "tasks")
+)
+SCENE = ("usbench.setting", "usbench.suite", "usbench.envs")
+# Modules that ask agents, which takes torch.
+ASKING = {"watch/advice", "watch/selection", "report/actions"}
+# Figures about poses know what a task is.
+OF_TASKS = {"episode_ends", "look_alikes", "policy_map", "state_map"}
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "usbench/watch").glob("*.py")), ids=lambda path: path.stem)
-def test_watch_imports_trials_and_figures_and_only_what_asks_agents_imports_torch(path):
-    own = ("usbench.watch", "usbench.figures", *(f"usbench.{name}" for name in READING))
-    asks = f"usbench.watch.{path.stem}" in ASKING
-    assert not foreign(path, *own, *(("usbench.trials", "usbench.agents") if asks else ()))
-    tops = {name.split(".")[0] for name in imported(path)}
-    assert path.stem == "advice" or not tops & (LEARNING - {"gymnasium"})
+def shown_by(folder):
+    paths = sorted((ROOT / "usbench" / folder).glob("*.py"))
+    return pytest.mark.parametrize("path", paths, ids=lambda path: path.stem)
+
+
+@shown_by("figures")
+def test_figures_import_results_and_records_alone(path):
+    of_tasks = ("usbench.suite", "usbench.envs") if path.stem in OF_TASKS else ()
+    assert not foreign(path, "usbench.figures", "usbench.results", *BELOW, *of_tasks)
+    assert not {name.split(".")[0] for name in imported(path)} & LEARNING
+
+
+@shown_by("watch")
+def test_watch_stands_on_figures_and_trials(path):
+    stands_on_its_floor(path, "usbench.figures")
+
+
+@shown_by("report")
+def test_report_stands_on_watch_figures_results_and_trials(path):
+    stands_on_its_floor(path, "usbench.watch", "usbench.figures", "usbench.results")
+
+
+def stands_on_its_floor(path, *floors):
+    """Trials, and torch with them, are for those modules alone that ask agents."""
+    asks = f"{path.parent.name}/{path.stem}" in ASKING
+    trials = ("usbench.trials", "usbench.agents") if asks else ()
+    assert not foreign(path, f"usbench.{path.parent.name}", *floors, *BELOW, *SCENE, *trials)
+    assert asks or not {name.split(".")[0] for name in imported(path)} & (LEARNING - {"gymnasium"})
 
 
 def test_custom_anatomies_are_one_kind_of_tissue_among_others():

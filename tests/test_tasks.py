@@ -165,10 +165,10 @@ def test_how_its_episodes_end_and_why_it_has_no_map_can_be_said(trial):
     task = row["task"]
     assert np.isnan(row["too_deep"]) == (task != "exam-stop")
     assert np.isnan(row["out_of_plane"]) == (task == "setup")
-    assert poses.silence("pp") == "" != poses.silence(task)
+    assert poses.silence(Setting(task="pp")) == "" != poses.silence(Setting(task=task))
     shown = agents.Shown("vpg", task, 0.25, trial.name, 0.0, (trial.name,), True, "")
     card = agents.card(trial.parent, shown, None)
-    assert card.map is None and card.silence == poses.silence(task)
+    assert card.map is None and card.silence == poses.silence(Setting(task=task))
     assert "deep" in card.replay.words or task == "pp-random"
 
 

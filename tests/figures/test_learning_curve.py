@@ -36,14 +36,14 @@ def trial(out, evaluations=True, episodes=True):
 
 @pytest.mark.parametrize("episodes", [True, False])
 def test_learning_curve_is_a_picture_and_the_same_bytes_again(tmp_path, episodes):
-    path = learning_curve.learning_curve(trial(tmp_path, episodes=episodes))
+    path = learning_curve.write(trial(tmp_path, episodes=episodes))
     first = path.read_bytes()
     with Image.open(path) as image:
         assert image.format == "PNG" and image.width >= 1000
         assert len(image.convert("L").getcolors()) > 3
-    assert learning_curve.learning_curve(path.parent).read_bytes() == first
+    assert learning_curve.write(path.parent).read_bytes() == first
 
 
 def test_trial_without_evaluations_is_refused(tmp_path):
     with pytest.raises(ValueError, match="no evaluations"):
-        learning_curve.learning_curve(trial(tmp_path, evaluations=False))
+        learning_curve.write(trial(tmp_path, evaluations=False))

@@ -8,8 +8,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from state_files import read_state, write_state
 
 from usbench import cli
-from usbench.figures import comparison, learning_curve
-from usbench.results import tables
+from usbench.figures import comparison, plots
+from usbench.results import sources, tables
 
 
 def test_one_trial_in_every_format(finished, tmp_path, capsys):
@@ -26,7 +26,7 @@ def test_one_trial_in_every_format(finished, tmp_path, capsys):
 def test_figures_are_those_of_the_leaderboard_and_learning_curves_only_of_named_trials(tmp_path):
     known = made(*seeds("vpg", [0.2, 0.4]), *seeds("ppo", [0.5, 0.7]))
     tables.write(known, tmp_path / "tables")
-    drawn = learning_curve.write([tmp_path / "tables"], tmp_path / "a", ["svg"])
+    drawn = plots.write([tmp_path / "tables"], tmp_path / "a", ["svg"])
     expected = comparison.write(known, tmp_path / "b", ["svg"])
     assert [path.name for path in drawn] == [path.name for path in expected]
     assert [path.read_bytes() for path in drawn] == [path.read_bytes() for path in expected]
@@ -38,9 +38,9 @@ def test_a_trial_counts_once_and_others_beside_it_do_not(finished):
     state = read_state(other)
     state["config"]["seed"] = 1
     write_state(other, state)
-    alone = learning_curve.gather([finished, finished])
+    alone = sources.gather([finished, finished])
     assert list(alone.trials["trial"]) == [finished.name]
-    both = learning_curve.gather([finished, finished.parent])
+    both = sources.gather([finished, finished.parent])
     assert sorted(both.trials["seed"]) == [0, 1]
     assert len(both.curves) == 2 * len(alone.curves)
 
@@ -48,7 +48,7 @@ def test_a_trial_counts_once_and_others_beside_it_do_not(finished):
 def test_trial_that_still_runs_has_a_learning_curve_alone(finished, tmp_path):
     state = read_state(finished) | {"status": "running"}
     write_state(finished, state)
-    drawn = learning_curve.write([finished], tmp_path)
+    drawn = plots.write([finished], tmp_path)
     assert [path.name for path in drawn] == [f"learning_curve_{finished.name}.png"]
 
 
@@ -79,4 +79,4 @@ def test_what_cannot_be_drawn_is_refused(tmp_path, monkeypatch, capsys, argv, sa
 def test_folder_that_cannot_be_made_is_refused(finished, tmp_path, capsys):
     (tmp_path / "file").write_text("")
     assert cli.main(["plot", str(finished), "--out", str(tmp_path / "file")]) == 2
-    assert "--out" in capsys.readouterr().err
+    assert "cannot be made" in capsys.readouterr().err

@@ -66,7 +66,7 @@ def test_finished_trial_is_not_followed_again(quick, tmp_path, monkeypatch):
         yield
 
     monkeypatch.setattr(wandb_run, "followed", follow)
-    for module, name in ((learning_curve, "learning_curve"), (replay, "write_gif")):
+    for module, name in ((learning_curve, "write"), (replay, "write_gif")):
         monkeypatch.setattr(module, name, lambda folder: folder)
     for more, count in (([], 1), ([], 1), (["--overwrite"], 2)):
         assert cli.main([*RUN, "--out", str(tmp_path), *more]) == 0

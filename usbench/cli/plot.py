@@ -48,7 +48,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
 
 def _call(args: argparse.Namespace) -> None:
     """Draw figures of any set of trials."""
-    from usbench.figures import learning_curve
+    from usbench.figures import plots
 
-    for path in learning_curve.write(args.runs, args.out, args.formats):
+    for path in plots.write(args.runs, args.out, args.formats):
         print(path)

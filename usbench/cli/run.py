@@ -106,7 +106,7 @@ def _call(args: argparse.Namespace) -> None:
     elif result.skipped:
         print("This trial is finished already; here are its results (--overwrite runs it again).")
     comparison = {
-        "learning curve": learning_curve.learning_curve(result.folder),
+        "learning curve": learning_curve.write(result.folder),
         "replay": replay.write_gif(result.folder),
     }
     console.print_trial(result.folder, comparison)

@@ -27,7 +27,7 @@ def write(known: Results, folder: Path, formats: Sequence[str] = ("png",)) -> li
     """Draw every figure for which there are results into `folder`, made if need be; return the paths.
 
     Raises:
-        ValueError: If a format is not one of `drawing.FORMATS`.
+        ValueError: If a format is not one of `style.FORMATS`.
     """
     folder.mkdir(parents=True, exist_ok=True)
     return [

@@ -14,7 +14,7 @@ from usbench.results.scores import value_based
 from usbench.results.tables import DRAWN, GREEDY, Results
 
 KINDS = ("success", "beside", "too_deep", "too_shallow", "out_of_plane", "one_turn_off", "long_way")
-# Those that are drawn, and told apart in grey.
+# The kinds that are drawn; hatches tell them apart in a grey print.
 _LOOKS = {
     "success": {"color": "#ffffff"},
     "beside": {"color": "#56b4e9"},
@@ -92,9 +92,9 @@ def by_frames(results: Results) -> pd.DataFrame:
     """Return the final scores of algorithms that were trained on observations of several numbers of frames.
 
     Returns:
-        A row per (task, noise, algo, n_frames): `seeds`, and the mean normalised score over them with
-        `greedy` and with `drawn` actions (NaN for value-based ones). Algorithms with one number of frames in
-        a cell have none.
+        A row per (task, noise, algo, n_frames): `seeds`, and the mean normalised score over them, `greedy`
+        with greedy actions and `drawn` with sampled ones (NaN for value-based algorithms). Algorithms with
+        one number of frames in a cell have no row.
     """
     n_frames = results.trials["settings"].map(lambda text: json.loads(text)["n_frames"])
     trials = results.trials.assign(n_frames=n_frames)[results.trials["steps"] > 0]

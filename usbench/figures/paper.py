@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from usbench.figures import style as drawing
+from usbench.figures import style
 from usbench.results import scores
 from usbench.results.tables import TRAINING, TRAINING_PARTS, Results
 
@@ -47,15 +47,15 @@ def _draw(known: Results, columns: tuple[tuple[str, str, str, str], ...]) -> Fig
         return None
     agents = sorted(set(table["agent"]))
     noises = sorted(set(table["noise"]))
-    style = drawing.styles(f"{noise:g}" for noise in noises)
-    figure, axes = drawing.panels(len(agents), len(columns), height=2.1, sharex=True, sharey="col")
+    looks = style.styles(f"{noise:g}" for noise in noises)
+    figure, axes = style.panels(len(agents), len(columns), height=2.1, sharex=True, sharey="col")
     handles = {}
     for row, agent in zip(axes, agents, strict=True):
         for axis, (task, name, title, label) in zip(row, columns, strict=True):
             own = table[(table["agent"] == agent) & (table["task"] == task)]
             for number, noise in enumerate(sorted(set(own["noise"]))):
                 values = own[own["noise"] == noise].groupby("step")[name]
-                handles[f"p_n = {noise:g}"] = _line(axis, values, number, style[f"{noise:g}"])
+                handles[f"p_n = {noise:g}"] = _line(axis, values, number, looks[f"{noise:g}"])
             axis.set_title(f"{agent}: {title}", fontsize=9)
             axis.set_ylabel(label, fontsize=9)
     for axis in axes[-1]:
@@ -66,7 +66,7 @@ def _draw(known: Results, columns: tuple[tuple[str, str, str, str], ...]) -> Fig
             "top", functions=(_updates, lambda at: np.asarray(at) * STEPS_PER_UPDATE)
         )
         updates.set_xlabel(f"policy updates of {STEPS_PER_UPDATE} steps", fontsize=9)
-    drawing.legend(figure, [handles[name] for name in sorted(handles)], sorted(handles))
+    style.legend(figure, [handles[name] for name in sorted(handles)], sorted(handles))
     return figure
 
 

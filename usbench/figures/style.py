@@ -21,7 +21,7 @@ MARKERS = ("o", "s", "D", "^", "v", "P", "X", "<", ">")
 
 
 def styles(names: Iterable[str]) -> dict[str, dict[str, Any]]:
-    """Return how each name is drawn: colour, line and marker all differ, for readers of grey prints."""
+    """Return how each name is drawn: colour, line and marker all differ, so that a grey print can be read."""
     keys = sorted(set(names))
     return {
         name: {
@@ -59,9 +59,9 @@ def check_file(path: Path, endings: Sequence[str]) -> Path:
         ConfigurationError: If it has another ending, or its folder does not exist.
     """
     if path.suffix not in endings:
-        raise ConfigurationError(f"--out must end with one of {', '.join(endings)}, not {path.name!r}.")
+        raise ConfigurationError(f"the file must end with one of {', '.join(endings)}, not {path.name!r}.")
     if not path.parent.is_dir() or path.is_dir():
-        raise ConfigurationError(f"--out must name a file in a folder that exists, not {str(path)!r}.")
+        raise ConfigurationError(f"the file must be in a folder that exists, not {str(path)!r}.")
     return path
 
 

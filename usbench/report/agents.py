@@ -9,15 +9,15 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
-from usbench import records, suite
+from usbench import records
 from usbench.envs.pose import Pose
 from usbench.envs.scene import drawing
-from usbench.figures import state_map
+from usbench.envs.task import Task
+from usbench.figures import policy_map, state_map
 from usbench.records import ConfigurationError, Trial
 from usbench.report import pictures
-from usbench.report import poses as report_poses
 from usbench.report.pictures import Picture
-from usbench.report.poses import Poses
+from usbench.report.poses import Poses, silence
 from usbench.report.tables import Table, percent
 from usbench.results import scores
 from usbench.results.scores import SCORED
@@ -26,7 +26,6 @@ from usbench.setting import Setting
 from usbench.watch import film, replay
 from usbench.watch.moment import Moment
 
-OWN_ANATOMY = "There is no map of actions: it would be that of the paper's phantom, and this is another."
 # Pixels.
 REPLAY_WIDTH, FOOTER, MARGIN, TEXT_SIZE, LINE = 560, 36, 12, 15, 20
 
@@ -38,12 +37,12 @@ class Shown:
     Attributes:
         agent: The algorithm, and its configuration where there are several.
         task: Name of the task.
-        noise: The lowest with a finished trial of this agent.
+        noise: The lowest noise with a finished trial of this agent.
         trial: Name of the folder: of the trials with this noise, the one with the median score.
-        score: Its own.
-        trials: All finished ones of the agent with this task and noise.
+        score: Score of that trial.
+        trials: All finished trials of the agent with this task and noise.
         learns: Whether the agent learns.
-        frames: Digest of the frames that it saw.
+        frames: Digest of the frames that the agent saw.
     """
 
     agent: str
@@ -58,7 +57,7 @@ class Shown:
 
 @dataclass(frozen=True)
 class Replay:
-    """A typical episode: moving, still (its end), in words, and its return beside the optimum's."""
+    """A typical episode: as a film, as a picture of its end, in words, and its return beside the optimum."""
 
     film: Picture
     still: Picture
@@ -73,6 +72,7 @@ class Card:
 
     Attributes:
         shown: The trial.
+        setting: What its agent meets.
         replay: A typical episode.
         map: Its actions in every pose, None if there are none.
         silence: Why there is no map.
@@ -80,6 +80,7 @@ class Card:
     """
 
     shown: Shown
+    setting: Setting
     replay: Replay
     map: Picture | None = None
     silence: str = ""
@@ -110,38 +111,32 @@ def shown(known: Results) -> list[Shown]:
     return sorted(chosen, key=lambda one: (one.task, not one.learns, -one.score, one.agent))
 
 
-def in_own_anatomy(folder: Path) -> bool:
-    """Return whether a trial was made in an anatomy of somebody's own."""
-    return records.VOLUME in Trial.read(folder).config.environment
-
-
 def card(runs: Path, one: Shown, poses: Poses | None) -> Card:
     """Return what there is to see of an agent; its trials are folders in `runs`; no map without `poses`."""
-    found = Card(one, play(runs / one.trial, one))
+    trial = Trial.read(runs / one.trial)
+    setting = Setting.recorded(trial.config)
+    found = Card(one, setting, play(trial, setting, one.agent))
     if not one.learns:
         return found
-    if poses is None:
-        return replace(found, silence=report_poses.silence(one.task))
-    if in_own_anatomy(runs / one.trial):
-        return replace(found, silence=OWN_ANATOMY)
+    if poses is None or silence(setting):
+        return replace(found, silence=silence(setting))
     missing = [trial for trial in one.trials if not (runs / trial / records.MODEL).is_file()]
     if missing:
         return replace(found, silence=f"{missing[0]} has no weights ({records.MODEL}).")
-    from usbench.report import policy_map  # opens agents, which takes torch
+    from usbench.report import actions  # opens agents, which takes torch
 
     try:
-        actions = {trial: policy_map.greedy_actions(runs / trial) for trial in one.trials}
+        taken = {trial: actions.greedy(runs / trial) for trial in one.trials}
     except ConfigurationError as error:
         # Not where this reader keeps the trials.
         return replace(found, silence=str(error).replace(f"{runs}/", ""))
-    drawn = policy_map.draw(poses.task, one.noise, actions[one.trial])
-    best = {trial: policy_map.is_best(poses.task, one.noise, own) for trial, own in actions.items()}
-    costs = policy_map.costs(poses.task, one.noise)
-    lost = [costs[np.arange(len(own)), own] for own in actions.values()]
+    plan = setting.plan(setting.evaluation_phantoms()[0].target)
+    lost = [policy_map.lost(plan, own) for own in taken.values()]
+    best = np.mean([own == 0 for own in lost], axis=0)
     return replace(
         found,
-        map=pictures.from_figure(drawn),
-        accuracy=_accuracy(one, poses, np.mean(list(best.values()), axis=0), np.mean(lost, axis=0)),
+        map=pictures.from_figure(policy_map.draw(plan, taken[one.trial])),
+        accuracy=_accuracy(one, poses, best, np.mean(lost, axis=0)),
     )
 
 
@@ -181,15 +176,13 @@ def _mean(values: npt.NDArray[np.float64]) -> float:
     return float(values.mean()) if len(values) else float("nan")
 
 
-def play(folder: Path, one: Shown) -> Replay:
-    """Return the episode of median return of the trial's last evaluation, with greedy actions."""
-    trial = Trial.read(folder)
+def play(trial: Trial, setting: Setting, agent: str) -> Replay:
+    """Return the episode of median return of a trial's last evaluation, with greedy actions."""
     record = replay.typical(trial.last_evaluation(deterministic=True))
-    setting = Setting.recorded(trial.config)
     moments = list(replay.play(setting, int(record["eval_episode"]), record["actions"]))
     moving, still = pictures.from_pages([_page(moment, len(moments) - 1) for moment in moments])
-    end = moments[-1]
-    return Replay(moving, still, _words(one, moments), film.fixed(end.return_), film.fixed(end.optimum))
+    words, end = f"{agent} {_words(setting.guidance, moments)}", moments[-1]
+    return Replay(moving, still, words, film.fixed(end.return_), film.fixed(end.optimum))
 
 
 def _page(moment: Moment, steps: int) -> Image.Image:
@@ -210,9 +203,8 @@ def _page(moment: Moment, steps: int) -> Image.Image:
     return page
 
 
-def _words(one: Shown, moments: Sequence[Moment]) -> str:
+def _words(task: Task, moments: Sequence[Moment]) -> str:
     """Return an episode in words, for those who do not see the pictures."""
-    task = suite.TASKS[one.task].guidance
     counts = [(name, len(list(same))) for name, same in groupby(moment.action for moment in moments[1:])]
     actions = ", ".join(name if count == 1 else f"{name} {count} times" for name, count in counts)
     slips = sum(bool(moment.slip) for moment in moments)
@@ -223,6 +215,6 @@ def _words(one: Shown, moments: Sequence[Moment]) -> str:
         return state_map.name(task, task.indices[pose])
 
     return (
-        f"{one.agent} starts at {place(moments[0].pose)}, goes {actions}{slipped}, and ends at "
+        f"starts at {place(moments[0].pose)}, goes {actions}{slipped}, and ends at "
         f"{place(moments[-1].pose)}, {goal}."
     )

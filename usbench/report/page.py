@@ -8,12 +8,12 @@ import jinja2
 
 from usbench import records, suite
 from usbench.atomic import atomic_file
-from usbench.figures import learning_curve, style
+from usbench.figures import style
 from usbench.records import ConfigurationError
-from usbench.report import agents, pictures, tables, text
-from usbench.report import poses as report_poses
-from usbench.results import leaderboard, scores, verdict
+from usbench.report import agents, pictures, poses, tables, text
+from usbench.results import leaderboard, scores, sources, verdict
 from usbench.results.tables import Results
+from usbench.setting import Setting
 
 Tell = Callable[[str], None]
 ENDINGS = (".html",)
@@ -45,7 +45,7 @@ def write(runs: Path, out: Path, tell: Tell = lambda _: None) -> Path:
     """
     out = check(runs, out)
     tell("reading the records")
-    known = learning_curve.gather([runs])
+    known = sources.gather([runs])
     if known.trials.empty:
         raise ConfigurationError(f"no trial in {str(runs)!r} has begun.")
     if (runs / records.TRIAL).is_file():
@@ -81,7 +81,7 @@ def _comparison(known: Results) -> dict[str, Any]:
             (scores.cell_name(task, noise), f"{suite.TASKS[task].guidance.title}, noise {noise:g}")
             for task, noise in cells
         ],
-        "figures": pictures.comparison(known),
+        "figures": pictures.compared(known),
     }
 
 
@@ -99,24 +99,23 @@ def _seen(runs: Path, known: Results, tell: Tell) -> dict[str, Any]:
     """Return what is looked at, agent by agent, and what agents see."""
     chosen = agents.shown(known)
     tell("looking at the frames")
-    tasks = sorted({one.task for one in chosen})
-    poses = {task: report_poses.look(task) for task in tasks if not report_poses.silence(task)}
+    settings = {task: Setting(task=task) for task in sorted({one.task for one in chosen})}
+    looks = {task: poses.look(setting) for task, setting in settings.items() if not poses.silence(setting)}
     cards = []
     for number, one in enumerate(chosen, 1):
         tell(f"agent {number} of {len(chosen)}: {one.agent} on {one.task}")
-        cards.append(agents.card(runs, one, poses.get(one.task)))
-    titles = {task: suite.TASKS[task].guidance.title for task in tasks}
+        cards.append(agents.card(runs, one, looks.get(one.task)))
+    titles = {task: setting.guidance.title for task, setting in settings.items()}
     return {
         "titles": titles,
         "cards": cards,
-        "accuracy": agents.accuracy_table(cards, titles, report_poses.ALIKE),
+        "accuracy": agents.accuracy_table(cards, titles, poses.ALIKE),
         "other_frames": [
-            one.trial
-            for one in chosen
-            if one.task in poses
-            and not poses[one.task].digest.startswith(one.frames)
-            and not agents.in_own_anatomy(runs / one.trial)
+            card.shown.trial
+            for card in cards
+            if not poses.silence(card.setting)
+            and not looks[card.setting.task].digest.startswith(card.shown.frames)
         ],
-        "overview": report_poses.overview(poses) if poses else None,
-        "pairs": {task: report_poses.pairs(own) for task, own in poses.items()},
+        "overview": poses.overview(looks) if looks else None,
+        "pairs": {task: poses.pairs(own) for task, own in looks.items()},
     }

@@ -13,8 +13,7 @@ import numpy.typing as npt
 from matplotlib.figure import Figure
 from PIL import Image
 
-from usbench.figures import comparison as figures
-from usbench.figures import style
+from usbench.figures import comparison, style
 from usbench.results.tables import Results
 
 # Bytes; a figure of more lines than this is smaller as pixels.
@@ -34,9 +33,9 @@ class Picture:
     height: int
 
 
-def comparison(known: Results) -> dict[str, Picture | None]:
+def compared(known: Results) -> dict[str, Picture | None]:
     """Return the figures of a comparison by name, None where there are no results for one."""
-    return {name: from_figure(figure) if figure else None for name, figure in figures.draw(known).items()}
+    return {name: from_figure(figure) if figure else None for name, figure in comparison.draw(known).items()}
 
 
 def from_figure(figure: Figure) -> Picture:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from usbench import suite
 from usbench.envs.frames import frame_store
 from usbench.envs.guidance import GuidanceEnv
 from usbench.envs.task import Task
@@ -35,8 +34,8 @@ class Poses:
     """What is seen in the states of a task.
 
     Attributes:
-        task: Whose states.
-        frames: (n_states, height, width, 1) uint8, of the default phantom.
+        task: Whose states they are.
+        frames: (n_states, height, width, 1) uint8.
         digest: Of the frames, as trials record it.
         alike: Whether a state is a look-alike, (n_states,).
     """
@@ -47,19 +46,25 @@ class Poses:
     alike: npt.NDArray[np.bool_]
 
 
-def silence(task: str) -> str:
-    """Return why there is no map of a task, in a sentence; empty where there is one."""
-    row = suite.TASKS[task]
-    if row.phantoms:
+def silence(setting: Setting) -> str:
+    """Return why there is no map of the actions in a setting, in a sentence; empty where there is one."""
+    if setting.row.phantoms:
         return "There is no map of actions: what is seen from a pose is another frame in every phantom."
-    if len(state_map.coordinates(row.guidance)) > 1:
+    if len(state_map.coordinates(setting.guidance)) > 1:
         return "There is no map of actions: a page has two dimensions, and this task's poses have three."
+    if setting.anatomy is not None:
+        return (
+            "There is no map of actions: it would be that of the paper's phantom, not of this custom anatomy."
+        )
+    own = Setting(task=setting.task)
+    if (setting.probe, setting.imaging) != (own.probe, own.imaging):
+        return "There is no map of actions: it would be that of the task's own probe and imaging."
     return ""
 
 
-def look(task: str) -> Poses:
-    """Return what is seen in the states of a task; frames that are not on disk are simulated."""
-    env = Setting(task=task).make_env().unwrapped
+def look(setting: Setting) -> Poses:
+    """Return what is seen in the states of a setting; frames that are not on disk are simulated."""
+    env = setting.plain_env()
     assert isinstance(env, GuidanceEnv)
     store = frame_store(env.phantom, env.probe, env.imaging)
     store.prepare(env.task.states)

@@ -8,7 +8,7 @@ from typing import Any
 
 import pandas as pd
 
-from usbench import records, suite
+from usbench import suite
 from usbench.figures import episode_ends
 from usbench.records import Trial
 from usbench.results import scores
@@ -16,7 +16,7 @@ from usbench.results.scores import SCORED
 from usbench.results.tables import Results
 
 DASH = "–"
-# Column of `failures.shares` and what it means.
+# Columns of `episode_ends.shares` and what they mean.
 ENDINGS = {
     "success": "at the goal",
     "beside": "beside the object",
@@ -42,9 +42,9 @@ def endings(runs: Path, known: Results) -> list[Table]:
     finished = known.trials.loc[known.trials["status"] == "finished", "trial"]
     if finished.empty:
         return []
-    ends = pd.concat([_last(records.load(runs / trial)) for trial in finished])
     agents = scores.agents(known.trials).set_index("trial")["agent"]
-    shares = episode_ends.shares(ends.assign(algo=ends["trial"].map(agents)))
+    ends = [_last(Trial.read(runs / name), agents[name]) for name in finished]
+    shares = episode_ends.shares(pd.concat(ends))
     tables = []
     for task, rows in shares.groupby("task"):
         kinds = [kind for kind in ENDINGS if rows[kind].notna().any()]
@@ -62,9 +62,11 @@ def endings(runs: Path, known: Results) -> list[Table]:
     return tables
 
 
-def _last(evaluations: pd.DataFrame) -> pd.DataFrame:
-    at_end = evaluations["checkpoint"] == evaluations["checkpoint"].max()
-    return evaluations[at_end & evaluations["deterministic"]]
+def _last(trial: Trial, agent: str) -> pd.DataFrame:
+    """Return the last evaluation with the columns that `episode_ends.shares` needs of a trial."""
+    config = trial.config
+    of_trial = {"trial": trial.name, "task": config.task, "noise": config.noise, "seed": config.seed}
+    return trial.last_evaluation(deterministic=True).assign(**of_trial, algo=agent)
 
 
 def settings(known: Results) -> Table:
@@ -83,8 +85,7 @@ def environments(runs: Path, known: Results) -> list[Table]:
     """Return phantom, probe and imaging, a table for each configuration of the environment."""
     tables = []
     for (task, _), own in known.trials.groupby(["task", scores.environments(known.trials)]):
-        trial = Trial.find(runs / own["trial"].iloc[0])
-        values = {} if trial is None else trial.config.environment
+        values = Trial.read(runs / own["trial"].iloc[0]).config.environment
         title = f"{suite.TASKS[str(task)].guidance.title}: environment (SI units where a name says no other)"
         rows = [[name, _value(value)] for name, value in _flat(values)]
         tables.append(Table(title, ["setting", "value"], rows, 2))

@@ -1,0 +1,53 @@
+"""The figures of any set of trials, as files in a folder."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from usbench import records
+from usbench.figures import comparison, learning_curve, style
+from usbench.records import ConfigurationError, Trial
+from usbench.results import sources
+
+
+def write(paths: Sequence[Path], out: Path, formats: Sequence[str] = ("png",)) -> list[Path]:
+    """Draw the figures of all trials in `paths` into the folder `out`; return the files.
+
+    They are those of the leaderboard, and a learning curve of every trial that is itself one of `paths`.
+
+    Args:
+        paths: Folders of trials, single trials, or folders of tables, as `sources.gather` takes them.
+        out: Folder for the figures, made if need be.
+        formats: Some of `style.FORMATS`.
+
+    Raises:
+        ConfigurationError: If there is nothing to draw, a format is unknown or `out` cannot be a folder.
+    """
+    for kind in formats:
+        if kind not in style.FORMATS:
+            raise ConfigurationError(
+                f"the format of a figure must be one of {', '.join(style.FORMATS)}, not {kind!r}."
+            )
+    known = sources.gather(paths)
+    # Also of a trial that is still running.
+    single = [Trial.read(path.resolve()) for path in paths if _has_evaluations(path)]
+    if known.curves.empty and not single:
+        raise ConfigurationError(
+            f"there is no finished trial to draw in {', '.join(repr(str(path)) for path in paths)}."
+        )
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigurationError(
+            f"the folder {str(out)!r} cannot be made ({error.strerror}): choose another."
+        ) from error
+    curves = [
+        style.save(learning_curve.draw(trial), out / f"learning_curve_{trial.name}.{kind}")
+        for trial in single
+        for kind in formats
+    ]
+    return [*curves, *comparison.write(known, out, formats)]
+
+
+def _has_evaluations(folder: Path) -> bool:
+    path = folder / records.EVALUATIONS
+    return path.exists() and path.stat().st_size > 0

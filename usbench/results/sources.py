@@ -1,0 +1,50 @@
+"""Results from several sources at once: folders of trials, single trials, folders of tables."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import pandas as pd
+
+from usbench import records
+from usbench.records import ConfigurationError
+from usbench.results import tables
+from usbench.results.tables import Results
+
+
+def gather(paths: Sequence[Path]) -> Results:
+    """Return the results of all trials in `paths`, each once.
+
+    Args:
+        paths: Folders of trials, single trials, or folders of tables that `tables.write` wrote.
+
+    Raises:
+        ConfigurationError: If one of `paths` is no folder, or records in it are broken.
+    """
+    chosen: dict[Path, set[str] | None] = {}  # folder of trials -> names of trials, None for all
+    found = []
+    try:
+        for path in (path.resolve() for path in paths):
+            if (path / tables.TRIALS).exists():
+                found.append(tables.read(path))
+            elif (path / records.TRIAL).exists():
+                names = chosen.setdefault(path.parent, set())
+                if names is not None:
+                    names.add(path.name)
+            else:
+                chosen[path] = None
+        found += [_only(tables.collect(folder), names) for folder, names in chosen.items()]
+    except (FileNotFoundError, ValueError) as error:
+        raise ConfigurationError(str(error)) from error
+    trials = pd.concat([results.trials for results in found], ignore_index=True)
+    curves = pd.concat([results.curves for results in found], ignore_index=True)
+    return Results(
+        trials.drop_duplicates("trial", ignore_index=True),
+        curves.drop_duplicates(["trial", "kind", "step"], ignore_index=True),
+    )
+
+
+def _only(known: Results, names: set[str] | None) -> Results:
+    """Return the results of some trials, of all for None."""
+    if names is None:
+        return known
+    return Results(*(table[table["trial"].isin(names)] for table in (known.trials, known.curves)))
