@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from usbench.figures import paper, style
 from usbench.results import scores, stats
-from usbench.results.scores import SCORED, cell_name
+from usbench.results.scores import SCORED, Cell
 from usbench.results.tables import Results
 
 SCORE = "normalised score (0 random, 1 optimum)"
@@ -172,7 +172,7 @@ def _cell_panels(
     figure, axes = style.panels(rows, columns, height=height, **kwargs)
     cells = dict(zip(names, axes.flat, strict=False))
     for name, axis in cells.items():
-        axis.set_title(cell_name(*name), fontsize=10)
+        axis.set_title(Cell(*name).name, fontsize=10)
     for axis in axes.flat[len(names) :]:
         axis.set_axis_off()
     for axis in axes.flat[max(len(names) - columns, 0) : len(names)]:

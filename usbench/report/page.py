@@ -70,7 +70,6 @@ def _page(content: dict[str, Any]) -> str:
 
 def _comparison(known: Results) -> dict[str, Any]:
     """Return what follows from the results alone."""
-    cells = sorted(set(known.trials[scores.CELL].itertuples(index=False, name=None)))
     return {
         "answer": text.inline(verdict.text(known)),
         "reading": leaderboard.READING,
@@ -78,8 +77,8 @@ def _comparison(known: Results) -> dict[str, Any]:
         "n_finished": int((known.trials["status"] == "finished").sum()),
         "sections": text.sections(known),
         "cells": [
-            (scores.cell_name(task, noise), f"{suite.TASKS[task].guidance.title}, noise {noise:g}")
-            for task, noise in cells
+            (cell.name, f"{suite.TASKS[cell.task].guidance.title}, noise {cell.noise:g}")
+            for cell in scores.cells_of(known.trials)
         ],
         "figures": pictures.compared(known),
     }

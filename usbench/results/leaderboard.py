@@ -11,7 +11,7 @@ from usbench.anchors import Anchors
 from usbench.atomic import atomic_file
 from usbench.records import ConfigurationError
 from usbench.results import held_out, provenance, scores, stats, tables, verdict
-from usbench.results.scores import CELL, ROW, SCORED, cell_name
+from usbench.results.scores import CELL, ROW, SCORED, Cell
 from usbench.results.tables import DRAWN, Results
 from usbench.tasks import row_of
 
@@ -94,9 +94,9 @@ def markdown(known: Results, tested: pd.DataFrame | None = None) -> str:
             where = "" if name == scores.ALL else f": {name}"
             parts += [f"## Probability of improvement{where}", _improvement(learners)]
         notes += [f"`{algo}` is not in the table of {name}: {why}." for algo, why in sorted(reasons.items())]
-    for (task, noise), rows in scores.cells(known).groupby(CELL):
-        anchors = known.trials[(known.trials["task"] == task) & (known.trials["noise"] == noise)]
-        parts += [f"## {cell_name(task, noise)}", _anchors(anchors), _cell(rows)]
+    trials_of = dict(iter(known.trials.groupby(CELL)))
+    for cell, rows in scores.cells(known).groupby(CELL):
+        parts += [f"## {Cell(*cell).name}", _anchors(trials_of[cell]), _cell(rows)]
     unseen = pd.DataFrame() if tested is None else held_out.table(known, tested)
     if not unseen.empty:
         parts += ["## Phantoms never seen", _unseen(unseen)]
@@ -196,7 +196,7 @@ def _unseen(table: pd.DataFrame) -> str:
     rows = [
         [
             _agent(row["agent"], learns=True),
-            cell_name(row["task"], row["noise"]),
+            Cell(row["task"], row["noise"]).name,
             *(
                 _interval(row[part], row[f"{part}_low"], row[f"{part}_high"])
                 for part in ("seen", "one", "many")

@@ -5,7 +5,7 @@ from collections import defaultdict
 
 import pandas as pd
 
-from usbench.results.scores import CELL, cell_name, environments
+from usbench.results.scores import CELL, Cell, cells_of, environments
 from usbench.tasks import row_of
 
 NAMED = 3
@@ -54,8 +54,7 @@ def commands(trials: pd.DataFrame) -> list[str]:
     algos_of: dict[tuple[str, str], list[str]] = defaultdict(list)
     for (algo, options), tasks in tasks_of.items():
         algos_of[" ".join(tasks), options].append(algo)
-    covered = set(learning[CELL].itertuples(index=False, name=None))
-    if covered != set(trials[CELL].itertuples(index=False, name=None)):
+    if cells_of(learning) != cells_of(trials):
         return []
     return [
         f"usbench compare --algos {' '.join(algos)} --tasks {tasks} {options}"
@@ -79,20 +78,20 @@ def notes(trials: pd.DataFrame) -> list[str]:
 
 def _unfinished(trials: pd.DataFrame) -> list[str]:
     found = []
-    for (task, noise, algo), rows in trials[trials["status"] != "finished"].groupby([*CELL, "algo"]):
+    for (*cell, algo), rows in trials[trials["status"] != "finished"].groupby([*CELL, "algo"]):
         seeds = [
             f"seed {row.seed} {STATUS_WORDS[row.status]}"
             + (f" ({' '.join(row.reason.split())})" if row.reason else "")
             for row in rows.itertuples()
         ]
-        found.append(f"`{algo}` on {cell_name(task, noise)}: {', '.join(seeds)}.")
+        found.append(f"`{algo}` on {Cell(*cell).name}: {', '.join(seeds)}.")
     return found
 
 
 def _configurations(trials: pd.DataFrame) -> list[str]:
     """Tell apart the configurations of one cell by the settings in which they differ."""
     found = []
-    for (task, noise, algo), rows in trials.groupby([*CELL, "algo"]):
+    for (*cell, algo), rows in trials.groupby([*CELL, "algo"]):
         variants = rows.drop_duplicates("configuration").set_index("configuration")
         if len(variants) == 1:
             continue
@@ -106,7 +105,7 @@ def _configurations(trials: pd.DataFrame) -> list[str]:
             for name, row in differing.iterrows()
         ]
         found.append(
-            f"`{algo}` on {cell_name(task, noise)} ran in {len(variants)} configurations, each in a row "
+            f"`{algo}` on {Cell(*cell).name} ran in {len(variants)} configurations, each in a row "
             f"of its own: {'; '.join(each)}."
         )
     return found
@@ -124,12 +123,12 @@ def _budgets(trials: pd.DataFrame) -> list[str]:
 
 def _environments(trials: pd.DataFrame) -> list[str]:
     found = []
-    for (task, noise), own in trials.assign(environment=environments(trials)).groupby(CELL):
+    for cell, own in trials.assign(environment=environments(trials)).groupby(CELL):
         agents = own.groupby("environment")["algo"].unique()
         if len(agents) > 1:
             each = [f"{', '.join(sorted(algos))} in {digest}" for digest, algos in agents.items()]
             found.append(
-                f"Trials on {cell_name(task, noise)} are from different environments (their digests): "
+                f"Trials on {Cell(*cell).name} are from different environments (their digests): "
                 f"{'; '.join(each)}. Their scores cannot be compared."
             )
     return found
@@ -137,13 +136,13 @@ def _environments(trials: pd.DataFrame) -> list[str]:
 
 def _seeds(trials: pd.DataFrame) -> list[str]:
     cells = defaultdict(list)
-    for (task, noise), rows in trials[trials["steps"] > 0].groupby(CELL):
+    for cell, rows in trials[trials["steps"] > 0].groupby(CELL):
         algos = defaultdict(list)
         for algo, seeds in rows.groupby("algo")["seed"]:
             algos[" ".join(map(str, sorted(set(seeds))))].append(algo)
         if len(algos) > 1:
             each = [f"{seeds} for {', '.join(names)}" for seeds, names in sorted(algos.items())]
-            cells["; ".join(each)].append(cell_name(task, noise))
+            cells["; ".join(each)].append(Cell(*cell).name)
     return [f"Seeds differ on {' / '.join(names)}: {each}." for each, names in cells.items()]
 
 
@@ -166,8 +165,9 @@ def _versions(finished: pd.DataFrame) -> list[str]:
 def _frames(finished: pd.DataFrame) -> list[str]:
     found = []
     for (task, _), rows in finished.groupby(["task", environments(finished)]):
-        # Reference policies look at none.
-        frames = rows[rows["steps"] > 0].set_index("trial")["frames"].replace("", "not recorded")
+        # Reference policies look at none, and record none since they need not be simulated for them.
+        looked = rows[(rows["steps"] > 0) | (rows["frames"] != "")]
+        frames = looked.set_index("trial")["frames"].replace("", "not recorded")
         if frames.nunique() > 1:
             found.append(f"Frames of {task} differ between trials (their digests): {_counted(frames)}.")
     if found:

@@ -1,13 +1,14 @@
-"""From the rows of trials to the cells of the leaderboard: one cell is a task, a noise and an algorithm.
+"""From the rows of trials to the rows of the leaderboard: one for each cell (task and noise) and algorithm.
 
-Three rules. The last checkpoint counts. What is called the score is that of greedy (most probable) actions,
-for every algorithm: a value-based one has no other policy of its own (its drawn actions are exploration), and
-whoever is guided gets the best advice. Unfinished trials are counted, never averaged in.
+Three rules. The last evaluation point counts. What is called the score is that of greedy actions, for every
+algorithm: a value-based one has no other policy (its sampled actions are exploration), and whoever is guided
+gets the best advice. Unfinished trials are counted, never averaged in.
 """
 
 import json
 from collections.abc import Mapping
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -17,7 +18,21 @@ from usbench.results.tables import DRAWN, EXPLORATION, GREEDY, MEANS, TRAINING, 
 from usbench.tasks import PAPER
 
 SCORED = GREEDY
-CELL = ["task", "noise"]
+
+
+class Cell(NamedTuple):
+    """A task and a noise: what one table of the leaderboard is about."""
+
+    task: str
+    noise: float
+
+    @property
+    def name(self) -> str:
+        """What the cell is called, for example "fp, noise 0.25"."""
+        return f"{self.task}, noise {self.noise:g}"
+
+
+CELL = list(Cell._fields)
 ROW = [*CELL, "algo", "configuration"]
 # What cells are averaged over together.
 ALL, PAPERS, OTHERS = "all cells", "the paper's tasks", "the other tasks"
@@ -39,6 +54,11 @@ def parts(results: Results) -> dict[str, Results]:
     return {PAPERS: results.of(results.trials[papers]), OTHERS: results.of(results.trials[~papers])}
 
 
+def cells_of(trials: pd.DataFrame) -> list[Cell]:
+    """Return the cells of trials, in order."""
+    return sorted({Cell(*cell) for cell in trials[CELL].itertuples(index=False, name=None)})
+
+
 def environments(trials: pd.DataFrame) -> pd.Series:
     """Return the digest of each trial's environment."""
     return trials["settings"].map(lambda text: json.loads(text).get("environment", ""))
@@ -55,9 +75,9 @@ def cells(results: Results) -> pd.DataFrame:
 
     Beside names: `seeds` that are finished of `seeds_asked`; `score` (interquartile mean of the normalised
     score over seeds) with `score_low` and `score_high`, its 95 % interval (NaN for a single seed); the means
-    over seeds of the columns `results.MEANS`; `area_under_curve` of the score and `training_minutes`. A row
-    without a finished trial holds NaN, and so do the drawn actions of value-based agents: those explore, and
-    how much is a setting.
+    over seeds of the columns `tables.MEANS`; `area_under_curve` of the score and `training_minutes`. A row
+    without a finished trial holds NaN, and so do the sampled actions of value-based agents: those explore,
+    and how much is a setting.
     """
     asked = {
         task: seeds_asked(own.trials) for own in parts(results).values() for task in set(own.trials["task"])
@@ -89,12 +109,12 @@ def matrices(results: Results, kind: str = SCORED) -> tuple[dict[str, stats.Arra
     trials = results.trials
     several = environments(trials).groupby([trials[name] for name in CELL]).nunique()
     if (several > 1).any():
-        where = cell_name(*several[several > 1].index[0])
+        where = Cell(*several[several > 1].index[0])
         return {}, {
-            algo: f"trials of {where} are from different environments" for algo in set(trials["algo"])
+            algo: f"trials of {where.name} are from different environments" for algo in set(trials["algo"])
         }
     learning = trials[trials["steps"] > 0]
-    wanted = sorted(set((learning if len(learning) else trials)[CELL].itertuples(index=False, name=None)))
+    wanted = cells_of(learning if len(learning) else trials)
     final = results.curves[results.curves["kind"] == kind].groupby("trial").tail(1)
     final = trials.merge(final[["trial", "normalized_score"]], on="trial")
     found: dict[str, stats.Array] = {}
@@ -103,14 +123,14 @@ def matrices(results: Results, kind: str = SCORED) -> tuple[dict[str, stats.Arra
         mixed = own.groupby(CELL)["configuration"].nunique()
         table = final[final["algo"] == algo]
         if (mixed > 1).any():
-            reasons[algo] = f"more than one configuration in {cell_name(*mixed[mixed > 1].index[0])}"
+            reasons[algo] = f"more than one configuration in {Cell(*mixed[mixed > 1].index[0]).name}"
             continue
         table = table.pivot(index="seed", columns=CELL, values="normalized_score")
         table = table.reindex(columns=pd.MultiIndex.from_tuples(wanted, names=CELL))
         empty = [cell for cell in wanted if table[cell].isna().all()]
         table = table.dropna()
         if empty:
-            reasons[algo] = f"no finished trial in {', '.join(cell_name(*cell) for cell in empty)}"
+            reasons[algo] = f"no finished trial in {', '.join(cell.name for cell in empty)}"
         elif table.empty:
             reasons[algo] = "no seed is finished in every cell"
         else:
@@ -161,7 +181,7 @@ def improvement(scores: Mapping[str, stats.Array]) -> pd.DataFrame:
 
 
 def learning_curves(results: Results, kind: str = SCORED) -> pd.DataFrame:
-    """Return the `score` over seeds with its interval at every checkpoint, a row for each.
+    """Return the `score` over seeds with its interval at every evaluation point, a row for each.
 
     Trainings only: an agent that does not learn has no curve.
     """
@@ -186,13 +206,8 @@ def seeds_asked(trials: pd.DataFrame) -> int:
     return int(trials.loc[trials["steps"] > 0, "seed"].nunique())
 
 
-def cell_name(task: str, noise: float) -> str:
-    """Return what a cell is called, for example "fp, noise 0.25"."""
-    return f"{task}, noise {noise:g}"
-
-
 def _numbers(curves: pd.DataFrame, last: pd.DataFrame) -> dict[str, float]:
-    """Return the numbers of a row from the checkpoints of its trials, `last` being the final ones."""
+    """Return the numbers of a row from the evaluations of its trials, `last` being the final ones."""
     interval = score_of(last[["normalized_score"]].to_numpy(np.float64)) if len(last) else _NO_SCORE
     areas = [
         float(stats.area_under_curve(own["trained"], own["normalized_score"]))

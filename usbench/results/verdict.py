@@ -1,4 +1,4 @@
-"""The paper's question answered from the results: would other methods do better than its policy gradient?"""
+"""The verdict of the results on the paper's question: do other methods do better than its policy gradient?"""
 
 from collections.abc import Sequence
 
@@ -8,7 +8,9 @@ from usbench.results import scores
 from usbench.results.tables import Results
 
 PAPERS_OWN = "vpg"
-QUESTION = "other methods do better than the paper's vanilla policy gradient"
+BETTER = "other methods do better than the paper's vanilla policy gradient"
+NONE_BETTER = "no other method does better than the paper's vanilla policy gradient"
+OPEN = f"whether {BETTER} is open"
 
 
 def text(known: Results) -> str:
@@ -22,7 +24,7 @@ def text(known: Results) -> str:
     matrices = scores.learners(known)
     if not matrices:
         return (
-            f"Whether {QUESTION} is open: no algorithm has finished trials in every cell. "
+            f"{_capital(OPEN)}: no algorithm has finished trials in every cell. "
             f"{finished} of {len(learning)} trials are finished; `usbench compare`, run again, adds the rest."
         )
     alone = [algo for algo, matrix in matrices.items() if len(matrix) == 1]
@@ -57,19 +59,19 @@ def _best(table: pd.DataFrame, n_cells: int) -> str:
 
 def _against_the_papers_own(table: pd.DataFrame, improvement: pd.DataFrame) -> str:
     if PAPERS_OWN not in table.index:
-        return f"whether {QUESTION} is open: `{PAPERS_OWN}` lacks finished trials in some cell."
+        return f"{OPEN}: `{PAPERS_OWN}` lacks finished trials in some cell."
     others, own = table.drop(PAPERS_OWN), table.loc[PAPERS_OWN]
     if others.empty:
-        return f"whether {QUESTION} is open: no other has finished trials in every cell."
+        return f"{OPEN}: no other has finished trials in every cell."
     above = [algo for algo, row in others.iterrows() if _above(row, own)]
     below = [algo for algo, row in others.iterrows() if _above(own, row)]
     rest = [algo for algo in others.index if algo not in {*above, *below}]
     if above:
-        verdict = f"{QUESTION} (`{PAPERS_OWN}`, {_score(own)})"
+        verdict = f"{BETTER} (`{PAPERS_OWN}`, {_score(own)})"
     elif rest:
-        verdict = f"whether {QUESTION} (`{PAPERS_OWN}`, {_score(own)}) cannot be told from these seeds"
+        verdict = f"whether {BETTER} (`{PAPERS_OWN}`, {_score(own)}) cannot be told from these seeds"
     else:
-        verdict = f"no {QUESTION.replace('methods do', 'method does')} (`{PAPERS_OWN}`, {_score(own)})"
+        verdict = f"{NONE_BETTER} (`{PAPERS_OWN}`, {_score(own)})"
     clauses = [
         f"{_names(algos)} {'lies' if len(algos) == 1 else 'lie'} {where}"
         for algos, where in (
