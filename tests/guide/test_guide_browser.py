@@ -195,7 +195,7 @@ def inside(inner, outer):
 def test_frame_and_scene_follow_probe_and_imaging(square, width):
     square.set_viewport_size({"width": width, "height": 800})
     frame = square.get_by_role("img", name="B-mode frame, 64 by 64 mm, focus at 50 mm").bounding_box()
-    assert frame["width"] == pytest.approx(frame["height"], abs=1) and frame["width"] > 100
+    assert frame["width"] == pytest.approx(frame["height"], abs=1) and frame["width"] > 200
     assert inside(frame, square.locator(".frame").bounding_box())
     assert square.locator("#frame-axes text").all_text_contents()[-3:] == ["\u221232", "0", "+32"]
     assert square.locator("#above .plane").get_attribute("x2") == "30"

@@ -131,4 +131,4 @@ def _score(trial: Trial) -> float | None:
     rows = [json.loads(line) for line in lines[-trial.n_evaluation_episodes :]]
     if not rows or not all(row["deterministic"] for row in rows):
         return None
-    return trial.anchors.score(sum(row["return"] for row in rows) / len(rows))
+    return trial.anchors.score(float(sum(row["return"] for row in rows)) / len(rows))
