@@ -8,36 +8,37 @@ from matplotlib.image import imread
 from PIL import Image
 
 from usbench import cli
-from usbench.envs.bmode import DEFAULT_IMAGING, log_compress
+from usbench.envs.bmode import DEFAULT_IMAGING, Imaging, log_compress
 from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Pose
-from usbench.envs.probe import DEFAULT_ARRAY
+from usbench.envs.probe import DEFAULT_ARRAY, LinearArray
 from usbench.envs.rf import simulate_iq
 from usbench.envs.scanner import scan, view
 from usbench.envs.settings import Setup
 from usbench.envs.tasks.random_phantoms import ProbePlaneRandomEnv
 from usbench.records import ConfigurationError
 from usbench.watch import snapshot
+from usbench.watch.snapshot_option import Source
 
 OFF_GRID = Pose(7, 37, 63)
-
-
 SETUP = Setup(0, 50, 0, 3_000, 40)
+# 60 mm wide, and square frames of pixels of half a millimetre.
+WIDE = Source(Phantom(), "", LinearArray(n_lines=96), Imaging(height_px=128, width_px=128, pixel_size=0.5e-3))
 
 
 @pytest.fixture(scope="module")
-def stills():
-    return {kind: snapshot.take(OFF_GRID, kind) for kind in snapshot.KINDS}
+def taken():
+    return {kind: snapshot.take(Source(), OFF_GRID, kind) for kind in snapshot.KINDS}
 
 
-def test_frame_is_the_scanners(stills):
-    np.testing.assert_array_equal(stills["frame"].values, scan(Phantom(), OFF_GRID))
+def test_frame_is_the_scanners(taken):
+    np.testing.assert_array_equal(taken["frame"].values, scan(Phantom(), OFF_GRID))
 
 
 def test_frame_with_settings_is_the_scanners():
-    taken = snapshot.take(SETUP)
-    np.testing.assert_array_equal(taken.values, scan(Phantom(), SETUP))
-    shown = snapshot.figure(taken).axes[0]
+    frame = snapshot.take(Source(), SETUP)
+    np.testing.assert_array_equal(frame.values, scan(Phantom(), SETUP))
+    shown = snapshot.figure(frame).axes[0]
     assert shown.images[0].get_clim() == (-40.0, 0.0) and shown.get_title().endswith("3 MHz, 40 dB")
 
 
@@ -46,11 +47,13 @@ def test_envelope_of_tissue_that_attenuates_is_the_simulators():
     positions, amplitudes = phantom.in_view(SETUP, *view(DEFAULT_ARRAY, DEFAULT_IMAGING))
     array = replace(DEFAULT_ARRAY, center_frequency=3e6)
     iq, _ = simulate_iq(positions, amplitudes, array, 50e-3, max_depth=90e-3, attenuation_db_per_cm_mhz=0.5)
-    np.testing.assert_allclose(snapshot.take(SETUP, "envelope", phantom).values, np.abs(iq), rtol=1e-5)
+    np.testing.assert_allclose(
+        snapshot.take(Source(phantom), SETUP, "envelope").values, np.abs(iq), rtol=1e-5
+    )
 
 
-def test_rf_and_envelope_are_of_the_same_echoes(stills):
-    rf, envelope = stills["rf"], stills["envelope"]
+def test_rf_and_envelope_are_of_the_same_echoes(taken):
+    rf, envelope = taken["rf"], taken["envelope"]
     assert rf.values.shape[1] == envelope.values.shape[1] == 64
     # 25 MHz and 5 MHz from the same instant: no sample of RF can exceed the envelope by more than rounding.
     peaks = np.abs(rf.values).max(), envelope.values.max()
@@ -59,32 +62,32 @@ def test_rf_and_envelope_are_of_the_same_echoes(stills):
     assert -1.0 < envelope.rows[0] < 0.0 and envelope.rows[1] == pytest.approx(90.0, abs=1.5)
 
 
-def test_bare_pixels_are_the_frame(stills, tmp_path):
-    snapshot.write(stills["frame"], tmp_path / "a.png", plain=True)
+def test_bare_pixels_are_the_frame(taken, tmp_path):
+    snapshot.write(taken["frame"], tmp_path / "a.png", plain=True)
     with Image.open(tmp_path / "a.png") as image:
         assert image.size == (40, 90)
-        np.testing.assert_array_equal(np.asarray(image), stills["frame"].values)
+        np.testing.assert_array_equal(np.asarray(image), taken["frame"].values)
 
 
 @pytest.mark.parametrize("kind", snapshot.KINDS)
-def test_numbers_and_figure(stills, tmp_path, kind):
-    snapshot.write(stills[kind], tmp_path / "a.npy")
-    np.testing.assert_array_equal(np.load(tmp_path / "a.npy"), stills[kind].values)
-    snapshot.write(stills[kind], tmp_path / "a.png")
+def test_numbers_and_figure(taken, tmp_path, kind):
+    snapshot.write(taken[kind], tmp_path / "a.npy")
+    np.testing.assert_array_equal(np.load(tmp_path / "a.npy"), taken[kind].values)
+    snapshot.write(taken[kind], tmp_path / "a.png")
     assert len(np.unique(imread(tmp_path / "a.png"))) > 20
 
 
-def test_figure_is_to_scale_and_names_units(stills):
-    axes = snapshot.figure(stills["frame"]).axes[0]
+def test_figure_is_to_scale_and_names_units(taken):
+    axes = snapshot.figure(taken["frame"]).axes[0]
     assert (axes.get_xlim(), axes.get_ylim()) == ((-20.0, 20.0), (90.0, 0.0))
     assert axes.get_aspect() == 1.0
     assert axes.get_xlabel().endswith("(mm)") and axes.get_ylabel().endswith("(mm)")
-    assert snapshot.figure(stills["rf"]).axes[0].get_ylabel() == "time (µs)"
+    assert snapshot.figure(taken["rf"]).axes[0].get_ylabel() == "time (µs)"
 
 
-def test_envelope_shows_the_decibels_of_the_frames_chain(stills):
-    shown = snapshot.figure(stills["envelope"]).axes[0].images[0].get_array()
-    expected = log_compress(stills["envelope"].values, 60.0) - 60.0
+def test_envelope_shows_the_decibels_of_the_frames_chain(taken):
+    shown = snapshot.figure(taken["envelope"]).axes[0].images[0].get_array()
+    expected = log_compress(taken["envelope"].values, 60.0) - 60.0
     np.testing.assert_allclose(shown, expected, atol=1e-3)
 
 
@@ -93,13 +96,45 @@ def test_envelope_shows_the_decibels_of_the_frames_chain(stills):
     [
         ("a.gif", "frame", False, r"\.png, \.npy, not 'a\.gif'"),
         ("no/a.png", "frame", False, "folder that exists"),
-        ("a.png", "rf", True, "--plain"),
-        ("a.npy", "frame", True, "--plain"),
+        ("a.png", "rf", True, "only a frame as .png has bare pixels"),
+        ("a.npy", "frame", True, "only a frame as .png has bare pixels"),
     ],
 )
 def test_files_that_cannot_be_are_refused(tmp_path, name, kind, plain, said):
     with pytest.raises(ConfigurationError, match=said):
-        snapshot.path(tmp_path / name, kind, OFF_GRID, plain)
+        snapshot.path(tmp_path / name, kind, Source(), OFF_GRID, plain=plain)
+
+
+def test_another_probe_and_imaging_are_what_is_seen_named_and_drawn(tmp_path, monkeypatch):
+    frame = snapshot.take(WIDE, OFF_GRID)
+    np.testing.assert_array_equal(frame.values, scan(Phantom(), OFF_GRID, WIDE.probe, WIDE.imaging))
+    drawn = snapshot.figure(frame)
+    axes = drawn.axes[0]
+    assert (axes.get_xlim(), axes.get_ylim()) == ((-32.0, 32.0), (64.0, 0.0))
+    title = axes.get_title().replace("\n", " ")
+    assert title.endswith("n_lines 96, height_px 128, width_px 128, pixel_size 0.0005")
+    assert drawn.get_figwidth() > 7 > snapshot.figure(snapshot.take(Source(), OFF_GRID)).get_figwidth()
+    for kind in ("envelope", "rf"):
+        seen = snapshot.take(WIDE, OFF_GRID, kind)
+        assert seen.values.shape[1] == 96
+        assert snapshot.figure(seen).axes[0].get_xlim() == pytest.approx((-30.0, 30.0))
+    # Nothing of another probe or imaging takes the place of the default's file.
+    monkeypatch.chdir(tmp_path)
+    plain, wide = (snapshot.path(None, "frame", source, OFF_GRID).name for source in (Source(), WIDE))
+    assert plain == "frame_x7_depth37_angle63.png"
+    assert wide == f"frame_{WIDE.names[0]}_x7_depth37_angle63.png" and len(WIDE.names[0]) == 8
+
+
+def test_command_takes_a_probe_and_an_imaging(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "probe.toml").write_text("n_lines = 96")
+    (tmp_path / "imaging.toml").write_text("height_px = 64\nwidth_px = 60")
+    argv = ["frame", "--probe", "probe.toml", "--imaging", "imaging.toml"]
+    assert cli.main([*argv, "--plain", "--out", "a.png"]) == 0
+    assert capsys.readouterr().out.startswith("a.png: frame, (64, 60) uint8, ")
+    (tmp_path / "probe.toml").write_text("sampling_frequency = 30e6\ncenter_frequency = 3e6")
+    assert cli.main([*argv, "--frequency", "9"]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
 
 
 def test_command_says_where_and_what(tmp_path, monkeypatch, capsys):

@@ -3,19 +3,34 @@
 import numpy as np
 import pytest
 
+from usbench.envs.bmode import Imaging
 from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Pose
+from usbench.envs.probe import LinearArray
 from usbench.envs.settings import Setup
 from usbench.envs.tasks.imaging_setup import PHANTOM
 from usbench.envs.tasks.random_phantoms import FocalPointRandomEnv
 from usbench.records import ConfigurationError
 from usbench.watch import snapshot_option
+from usbench.watch.snapshot_option import Source
 
 
 def test_pose_without_settings_is_plain_and_one_setting_brings_the_default_of_the_other():
-    assert snapshot_option.pose(1, 37, -30) == Pose(1, 37, 330)
-    assert snapshot_option.pose(0, 50, 0, frequency_mhz=2.5) == Setup(0, 50, 0, 2_500, 60)
-    assert snapshot_option.pose(0, 50, 0, dynamic_range_db=40) == Setup(0, 50, 0, 3_500, 40)
+    assert snapshot_option.pose(Source(), 1, 37, -30) == Pose(1, 37, 330)
+    assert snapshot_option.pose(Source(), 0, 50, 0, frequency_mhz=2.5) == Setup(0, 50, 0, 2_500, 60)
+    assert snapshot_option.pose(Source(), 0, 50, 0, dynamic_range_db=40) == Setup(0, 50, 0, 3_500, 40)
+
+
+def test_the_setting_that_is_not_given_is_that_of_probe_and_imaging():
+    source = Source(probe=LinearArray(center_frequency=5e6), imaging=Imaging(dynamic_range_db=50))
+    assert snapshot_option.pose(source, 0, 50, 0, frequency_mhz=4) == Setup(0, 50, 0, 4_000, 50)
+    assert snapshot_option.pose(source, 0, 50, 0, dynamic_range_db=40) == Setup(0, 50, 0, 5_000, 40)
+
+
+def test_a_frequency_that_the_probe_does_not_sample_is_refused():
+    source = Source(probe=LinearArray(sampling_frequency=30e6))
+    with pytest.raises(ConfigurationError, match="sampling_frequency must be at least 7 times"):
+        snapshot_option.pose(source, 0, 50, 0, frequency_mhz=9)
 
 
 @pytest.mark.parametrize(
@@ -36,7 +51,7 @@ def test_pose_without_settings_is_plain_and_one_setting_brings_the_default_of_th
 )
 def test_poses_and_settings_that_see_nothing_are_refused(values, said):
     with pytest.raises(ConfigurationError, match=said):
-        snapshot_option.pose(*values)
+        snapshot_option.pose(Source(), *values)
 
 
 def test_phantoms_are_those_of_the_tasks():
@@ -64,8 +79,8 @@ def test_phantoms_have_names_but_for_the_papers():
     ("task", "number", "said"),
     [
         ("pprandom", None, "unknown task 'pprandom' .did you mean 'pp-random'"),
-        ("pp", 3, "--number is for fp-random and pp-random"),
-        (None, 3, "--number is for fp-random and pp-random"),
+        ("pp", 3, "only fp-random and pp-random have several phantoms"),
+        (None, 3, "only fp-random and pp-random have several phantoms"),
         ("pp-random", -1, r"phantom must be a whole number in \[0, 4294967295\], not -1"),
         ("pp-random", 2**32, "not 4294967296"),
         ("pp-random", 0.5, r"phantom must be a whole number in \[0, 4294967295\], not 0.5"),

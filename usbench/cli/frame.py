@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from usbench.cli import phantom
-from usbench.cli.arguments import number
+from usbench.cli.arguments import add_probe_and_imaging, number, probe_and_imaging
 
 EXAMPLES = """examples:
   usbench frame --x 10 --depth 35 --angle 60
@@ -17,6 +17,8 @@ EXAMPLES = """examples:
   usbench frame --task setup --frequency 3 --dynamic-range 40
   usbench frame --task pp-random --number 7 --angle 30
       the phantom of an episode, whose records name it
+  usbench defaults probe > probe.toml; usbench frame --probe probe.toml
+      with a probe of your own, once you have changed its fields
   usbench frame --angle 30 --phantom spine.mha frames=recorded
       of a volume of your own (docs/anatomy.md)
 """
@@ -49,11 +51,12 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         help="which phantom of a task with many, from 2147483648 on those of the evaluation (default 0)",
     )
     kind = frame.add_mutually_exclusive_group()
-    kind.add_argument("--rf", action="store_const", const="rf", dest="kind", help="RF of the 64 lines")
+    kind.add_argument("--rf", action="store_const", const="rf", dest="kind", help="RF of the scan lines")
     kind.add_argument(
-        "--envelope", action="store_const", const="envelope", dest="kind", help="envelope of the 64 lines"
+        "--envelope", action="store_const", const="envelope", dest="kind", help="envelope of the scan lines"
     )
     phantom.add(frame)
+    add_probe_and_imaging(frame)
     frame.add_argument("--plain", action="store_true", help="the bare pixels, without axes")
     frame.add_argument(
         "--out", type=Path, metavar="FILE", help=".png or .npy (default: a .png named after the pose)"
@@ -66,12 +69,14 @@ def _call(args: argparse.Namespace) -> None:
     from usbench.records import ConfigurationError
     from usbench.watch import snapshot, snapshot_option
 
-    pose = snapshot_option.pose(args.x, args.depth, args.angle, args.frequency, args.dynamic_range)
     if args.phantom and (args.task, args.number) != (None, None):
         raise ConfigurationError("--phantom is in place of a task's phantom: leave out --task and --number.")
     tissue = phantom.asked(args.phantom, looking=True) or snapshot_option.phantom_of(args.task, args.number)
-    label = snapshot_option.label(args.task, args.number)
-    path = snapshot.path(args.out, args.kind, pose, args.plain, label)
-    taken = snapshot.take(pose, args.kind, tissue, label)
-    snapshot.write(taken, path, args.plain)
+    source = snapshot_option.Source(
+        tissue, snapshot_option.label(args.task, args.number), **probe_and_imaging(args)
+    )
+    pose = snapshot_option.pose(source, args.x, args.depth, args.angle, args.frequency, args.dynamic_range)
+    path = snapshot.path(args.out, args.kind, source, pose, plain=args.plain)
+    taken = snapshot.take(source, pose, args.kind)
+    snapshot.write(taken, path, plain=args.plain)
     print(f"{path}: {taken.kind}, {taken.values.shape} {taken.values.dtype}, {taken.unit}")

@@ -1,16 +1,19 @@
-"""What a picture is taken of: the pose of the probe, the scanner's settings, and whose phantom."""
+"""What a snapshot is taken of: tissue, probe and imaging, the pose of the probe, the scanner's settings."""
 
+import hashlib
+from dataclasses import dataclass, fields
 from typing import Any
 
 from gymnasium.envs.registration import load_env_creator
 
 from usbench.checks import unknown, whole_number
-from usbench.envs.bmode import DEFAULT_IMAGING
+from usbench.envs.bmode import DEFAULT_IMAGING, Imaging
 from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Pose
-from usbench.envs.probe import DEFAULT_ARRAY
-from usbench.envs.settings import Setup
+from usbench.envs.probe import DEFAULT_ARRAY, LinearArray
+from usbench.envs.settings import Setup, tuned
 from usbench.envs.tasks.random_phantoms import PhantomDistribution, RandomPhantomEnv, phantom_number
+from usbench.envs.tissue import Tissue
 from usbench.records import ConfigurationError
 from usbench.tasks import PAPER, row_of, rows
 
@@ -21,36 +24,90 @@ FREQUENCY_MHZ = (1.0, 10.0)
 RANGE_DB = (1, 200)
 
 
+@dataclass(frozen=True)
+class Source:
+    """What a snapshot is taken of, and with what.
+
+    Attributes:
+        tissue: What is examined.
+        label: Name of the tissue, "" for the phantom of the paper's tasks.
+        probe: The transducer.
+        imaging: How RF becomes a frame.
+    """
+
+    tissue: Tissue = Phantom()
+    label: str = ""
+    probe: LinearArray = DEFAULT_ARRAY
+    imaging: Imaging = DEFAULT_IMAGING
+
+    @property
+    def changes(self) -> list[str]:
+        """Fields of probe and imaging that differ from the defaults, as "n_lines 96"."""
+        return [
+            f"{field.name} {value:g}"
+            for part in (self.probe, self.imaging)
+            for field in fields(part)
+            if (value := getattr(part, field.name)) != field.default
+        ]
+
+    @property
+    def names(self) -> list[str]:
+        """Parts of the name of a file: the label, and a digest of what differs from the defaults."""
+        digest = hashlib.sha256(repr((self.probe, self.imaging)).encode()).hexdigest()[:8]
+        return [name for name in (self.label, digest if self.changes else "") if name]
+
+
 def pose(
-    x_mm: Any, focal_depth_mm: Any, angle_deg: Any, frequency_mhz: Any = None, dynamic_range_db: Any = None
+    source: Source,
+    x_mm: Any,
+    focal_depth_mm: Any,
+    angle_deg: Any,
+    frequency_mhz: Any = None,
+    dynamic_range_db: Any = None,
 ) -> Pose:
     """Return the pose, on the tasks' grid or off it, with the scanner's settings if one of them is given.
 
     Raises:
-        ConfigurationError: If a value is none that can be, or the probe is not on the phantom.
+        ConfigurationError: If a value is not allowed, the probe is not on the tissue, or does not sample such
+            a frequency.
     """
     try:
         found = Pose(x_mm, focal_depth_mm, angle_deg)
-        edge = int(Phantom().width_mm // 2)
+        edge = int(source.tissue.width_mm // 2)
         if abs(found.x_mm) > edge:
             raise ValueError(f"x_mm must be in [-{edge}, {edge}], where the phantom is, not {found.x_mm}.")
         if found.focal_depth_mm > DEEPEST_MM:
             raise ValueError(f"focal_depth_mm must be in [1, {DEEPEST_MM}], not {found.focal_depth_mm}.")
         if frequency_mhz is None and dynamic_range_db is None:
             return found
-        frequency_mhz = DEFAULT_ARRAY.center_frequency / 1e6 if frequency_mhz is None else frequency_mhz
-        range_db = whole_number(
-            "dynamic_range_db",
-            DEFAULT_IMAGING.dynamic_range_db if dynamic_range_db is None else dynamic_range_db,
+        setup = Setup(
+            found.x_mm,
+            found.focal_depth_mm,
+            found.angle_deg,
+            _frequency_khz(source.probe, frequency_mhz),
+            _range_db(source.imaging, dynamic_range_db),
         )
-        if not isinstance(frequency_mhz, int | float) or not _within(frequency_mhz, FREQUENCY_MHZ):
-            low, high = FREQUENCY_MHZ
-            raise ValueError(f"frequency must be in [{low:g}, {high:g}] MHz, not {frequency_mhz!r}.")
-        if not _within(range_db, RANGE_DB):
-            raise ValueError(f"dynamic_range_db must be in [{RANGE_DB[0]}, {RANGE_DB[1]}], not {range_db}.")
-        return Setup(found.x_mm, found.focal_depth_mm, found.angle_deg, round(frequency_mhz * 1e3), range_db)
+        tuned(setup, source.probe, source.imaging)  # refuses a frequency that this probe does not sample
+        return setup
     except (TypeError, ValueError) as error:
         raise ConfigurationError(str(error)) from error
+
+
+def _frequency_khz(probe: LinearArray, frequency_mhz: Any) -> int:
+    if frequency_mhz is None:
+        return round(probe.center_frequency / 1e3)
+    if not isinstance(frequency_mhz, int | float) or not _within(frequency_mhz, FREQUENCY_MHZ):
+        low, high = FREQUENCY_MHZ
+        raise ValueError(f"frequency must be in [{low:g}, {high:g}] MHz, not {frequency_mhz!r}.")
+    return round(frequency_mhz * 1e3)
+
+
+def _range_db(imaging: Imaging, dynamic_range_db: Any) -> int:
+    asked = imaging.dynamic_range_db if dynamic_range_db is None else dynamic_range_db
+    range_db = whole_number("dynamic_range_db", asked)
+    if not _within(range_db, RANGE_DB):
+        raise ValueError(f"dynamic_range_db must be in [{RANGE_DB[0]}, {RANGE_DB[1]}], not {range_db}.")
+    return range_db
 
 
 def _within(value: float, limits: tuple[float, float]) -> bool:
@@ -79,7 +136,9 @@ def phantom_of(task: str | None, number: Any = None) -> Phantom:
             return phantoms.phantom(phantom_number(0 if number is None else number))
         if number is not None:
             many = " and ".join(name for name, row in rows().items() if row.phantoms)
-            raise ValueError(f"--number is for {many}: every other task has one phantom.")
+            raise ValueError(
+                f"only {many} have several phantoms to choose from by number: every other task has one."
+            )
         return environment.default_phantom  # type: ignore[no-any-return]
     except (TypeError, ValueError) as error:
         raise ConfigurationError(str(error)) from error
