@@ -56,7 +56,7 @@ def _read(cls: type[Part], kind: str, path: Path) -> Part:
         names = [field.name for field in fields(cls)]
         for name in values:
             if name not in names:
-                raise unknown(f"field of a {kind} file", name, names)
+                raise unknown(f"field of the {kind} file", name, names)
         return cls(**values)
     except OSError as error:
         raise ConfigurationError(

@@ -39,7 +39,7 @@ def test_defaults_of_something_else_are_refused(capsys):
         ("--probe", "kerf = ", "Invalid value"),
         ("--imaging", "height_px = 0", "height_px must be a whole number from 1, not 0"),
         ("--imaging", "pixel_size = nan", "pixel_size must be a positive number, not nan"),
-        ("--imaging", "colour = 1", "unknown field of a imaging file 'colour'"),
+        ("--imaging", "colour = 1", "unknown field of the imaging file 'colour'"),
     ],
 )
 def test_files_that_cannot_be_used_are_refused_in_one_sentence(option, text, message, capsys, tmp_path):

@@ -90,7 +90,7 @@ def test_time_before_the_kill_counts(often, tmp_path, monkeypatch):
     started = read_state(folder)["started"]
     path = sorted((folder / records.CHECKPOINTS).iterdir())[-1]
     content = resume_files._read(path)
-    resume_files.Checkpoints(folder, 0).write(int(path.stem), content | {"seconds": {"training_s": 1000.0}})
+    resume_files.ResumeFiles(folder, 0).write(int(path.stem), content | {"seconds": {"training_s": 1000.0}})
     go_on(folder)
     state = read_state(folder)
     assert 990 < state["timings"]["training_s"] < 1100 and state["started"] == started

@@ -62,7 +62,7 @@ def test_broken_checkpoint_is_passed_over_for_the_one_before(undisturbed, killed
     ],
 )
 def test_file_that_is_no_checkpoint_is_passed_over(tmp_path, caplog, damage):
-    kept = resume_files.Checkpoints(tmp_path, 0)
+    kept = resume_files.ResumeFiles(tmp_path, 0)
     for step in (5, 10):
         kept.write(step, {"step": step})
     damage(kept.paths()[0])
@@ -125,7 +125,7 @@ def test_lines_after_the_checkpoint_are_taken_away(undisturbed, killed):
 
 
 def test_checkpoint_of_other_circumstances_is_not_gone_on_from(killed, caplog, monkeypatch):
-    monkeypatch.setattr(runner, "machine", lambda: {"processor": "abacus"})
+    monkeypatch.setattr(learning, "machine", lambda: {"processor": "abacus"})
     monkeypatch.setattr(runner, "version", lambda _: "0.0.1")
     monkeypatch.setattr(learning, "_source", lambda _: "edited")
     assert go_on(killed) == FIRST_TOLD
@@ -177,7 +177,7 @@ def test_interval_leaves_room_within_a_minute(monkeypatch):
 
 
 def test_no_checkpoint_before_it_is_time(tmp_path):
-    kept = resume_files.Checkpoints(tmp_path, 3600.0)
+    kept = resume_files.ResumeFiles(tmp_path, 3600.0)
     assert kept.due()
     kept.write(0, {})
     assert not kept.due()

@@ -50,7 +50,7 @@ class Bars:
             self._show("training", step, steps, "step", f"return {mean_return:.2f}, score {score:.2f}")
 
     def evaluated(self, step: int, mean_return: float, score: float) -> None:
-        """The checkpoint at `step` was evaluated (stochastic actions)."""
+        """The agent was evaluated at `step`; mean return and score of its sampled actions."""
         line = f"step {step}: evaluation return {mean_return:.2f}, normalised score {score:.2f}"
         if self._live:
             tqdm.write(line, file=sys.stderr)
@@ -76,7 +76,7 @@ class Bars:
 
 
 def trial_table(folder: Path) -> Table:
-    """Return the last checkpoint of a trial as a table, beside random and optimal."""
+    """Return the last evaluation of a trial as a table, beside the random agent and the optimum."""
     trial = Trial.read(folder)
     config, anchors = trial.config, trial.anchors
     table = Table(

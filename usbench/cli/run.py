@@ -70,6 +70,7 @@ def _call(args: argparse.Namespace) -> None:
     """Train and evaluate one agent on one task."""
     from usbench.trials.configuration import resolve
 
+    examined = {"anatomy": phantom.asked(args.phantom), **probe_and_imaging(args)}
     config = resolve(
         args.algo,
         args.task,
@@ -78,8 +79,7 @@ def _call(args: argparse.Namespace) -> None:
         steps=args.steps,
         n_frames=args.n_frames,
         reward=args.reward,
-        anatomy=phantom.asked(args.phantom),
-        **probe_and_imaging(args),
+        **examined,
         preset=args.preset,
         overrides=dict(args.set),
     )

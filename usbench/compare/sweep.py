@@ -18,11 +18,12 @@ from queue import SimpleQueue
 from typing import Any, NoReturn, Protocol
 
 from usbench import records
-from usbench.agents import zoo
+from usbench.agents.zoo import entry
 from usbench.records import ConfigurationError, Trial, TrialConfig
 from usbench.setting import Setting
 from usbench.trials import runner
 from usbench.trials.finished import is_finished
+from usbench.trials.resume_files import ResumeFiles
 
 RETRIES = 2
 
@@ -89,10 +90,13 @@ def run(
     """
     known = {config.folder_name: _known(config, out) for config in configs}
     outcomes = [outcome for outcome in known.values() if outcome is not None]
+    for outcome in outcomes:
+        if outcome.reason is None:  # what a process left that was killed in its last moment
+            ResumeFiles(out / outcome.config.folder_name, 0.0).clear()
     damaged = [outcome for outcome in outcomes if outcome.reason is not None]
     missing = [config for config in configs if known[config.folder_name] is None]
     # Once, before the workers start: they would all simulate the same frames.
-    looking = [config for config in missing if zoo.entry(config.algo).looks]
+    looking = [config for config in missing if entry(config.algo).looks]
     for setting in dict.fromkeys(_of_frames(config) for config in looking):
         setting.prepare_frames(progress.frames)
     n_finished = len(outcomes) - len(damaged)

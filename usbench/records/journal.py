@@ -54,6 +54,10 @@ class Journal:
         return self
 
     def __exit__(self, *_: object) -> None:
+        """Close the file."""
+        self.close()
+
+    def close(self) -> None:
         """Close the file, whole on the disk."""
         with self._file:
             os.fsync(self._file.fileno())

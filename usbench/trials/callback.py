@@ -1,4 +1,4 @@
-"""A training watched from outside: its episodes journalled, its checkpoints evaluated, its budget kept."""
+"""A training watched from outside: its episodes journalled, evaluated on the way, its budget kept."""
 
 import time
 from collections import deque
@@ -26,7 +26,7 @@ class Progress(Protocol):
         """Training is at `step` of `steps`; mean return and normalised score of the last episodes."""
 
     def evaluated(self, step: int, mean_return: float, score: float) -> None:
-        """The checkpoint at `step` was evaluated, with drawn actions."""
+        """The agent was evaluated at `step`; mean return and score of its sampled actions."""
 
     def stopping(self) -> None:
         """Somebody has asked for the end, which comes before the next rollout."""
@@ -65,7 +65,7 @@ class TrainingWatch(BaseCallback):
         self,
         *,
         steps: int,
-        checkpoints: Sequence[int],
+        evaluation_points: Sequence[int],
         evaluator: Evaluator,
         score: Callable[[float], float],
         episodes: Journal,
@@ -79,7 +79,7 @@ class TrainingWatch(BaseCallback):
         """
         super().__init__()
         self.seconds = 0.0
-        self._steps, self._due = steps, list(checkpoints)
+        self._steps, self._due = steps, list(evaluation_points)
         self._evaluator, self._score, self._progress = evaluator, score, progress
         self._episodes, self._evaluations = episodes, evaluations
         self._boundary = boundary
@@ -122,9 +122,9 @@ class TrainingWatch(BaseCallback):
         self.evaluate_due(agent)
 
     def evaluate_due(self, agent: Any) -> None:
-        """If a checkpoint was reached, play the episodes, with drawn and with likeliest actions."""
+        """If an evaluation point was reached, play the episodes, with sampled and with greedy actions."""
         step = self.num_timesteps
-        reached = [checkpoint for checkpoint in self._due if checkpoint <= step]
+        reached = [point for point in self._due if point <= step]
         if not reached:
             return
         self._due = self._due[len(reached) :]

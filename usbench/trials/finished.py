@@ -6,11 +6,10 @@ from pathlib import Path
 from usbench import records
 from usbench.agents import zoo
 from usbench.records import Trial, TrialConfig, checksums
-from usbench.trials.resume_files import Checkpoints
 
 
 def is_finished(config: TrialConfig, out: Path) -> bool:
-    """Return whether a trial is finished in the folder `out`; what it needs no more is removed.
+    """Return whether a trial is finished in the folder `out`.
 
     TensorBoard's events are not looked at: nothing is made from them.
 
@@ -18,16 +17,18 @@ def is_finished(config: TrialConfig, out: Path) -> bool:
         ValueError: If its files were damaged; one sentence says which.
     """
     folder = out / config.folder_name
+    # Algorithms of other packages write what they like.
+    model_is_whole = config.algo not in zoo.ZOO or _is_whole_zip(folder / records.MODEL)
     trial = Trial.find(folder)
     if trial is None or trial.status != "finished":
         return False
-    if trial.config.hash != config.hash:
-        raise checksums.damaged(folder / records.TRIAL)
     checksums.check(folder, trial.checksums)
-    # Agents from outside write what they like.
-    if config.algo in zoo.ZOO and not _is_whole_zip(folder / records.MODEL):
-        raise checksums.damaged(folder / records.MODEL)
-    Checkpoints(folder, 0.0).clear()
+    for name, is_whole in (
+        (records.TRIAL, trial.config.hash == config.hash),
+        (records.MODEL, model_is_whole),
+    ):
+        if not is_whole:
+            raise checksums.damaged(folder / name)
     return True
 
 

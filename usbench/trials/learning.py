@@ -1,11 +1,12 @@
-"""One training, made anew or as a checkpoint has it: agent, environment, and what watches them."""
+"""One training, made anew or as a resume file has it: agent, environment, and what watches them."""
 
 import contextlib
 import hashlib
 import inspect
 import logging
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +17,13 @@ from stable_baselines3.common.logger import Logger, configure
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from usbench.agents import model_state, zoo
-from usbench.records import TrialConfig
+from usbench.records import EPISODES, EVALUATIONS, Trial
 from usbench.records.journal import Journal
 from usbench.setting import Setting
 from usbench.trials import interruption
 from usbench.trials.callback import Progress, TrainingWatch
 from usbench.trials.evaluation import Evaluator, Recorder
-from usbench.trials.resume_files import Checkpoints
+from usbench.trials.resume_files import ResumeFiles
 from usbench.trials.stopwatch import Stopwatch
 
 log = logging.getLogger(__name__)
@@ -48,45 +49,37 @@ class Learning:
 
     def __init__(
         self,
-        config: TrialConfig,
+        trial: Trial,
         setting: Setting,
-        *,
         evaluator: Evaluator,
-        planned: Sequence[int],
-        score: Callable[[float], float],
         progress: Progress,
-        journals: tuple[Journal, Journal],
-        checkpoints: Checkpoints,
+        resume_files: ResumeFiles,
         stopwatch: Stopwatch,
-        machine: Mapping[str, Any],
     ) -> None:
-        """Make it anew.
+        """Make it anew, and open the trial's records for its episodes.
 
         Args:
-            config: Of the trial.
-            setting: What the agent meets, as `config` records it.
+            trial: Its record so far.
+            setting: What the agent meets, as the trial records it.
             evaluator: What plays the evaluation episodes.
-            planned: Steps at which the agent is evaluated.
-            score: Turns a mean return into a normalised score.
             progress: Is told what happens.
-            journals: For training episodes and for evaluations.
-            checkpoints: Where they are written to.
-            stopwatch: Of the trial; what it has counted goes into checkpoints.
-            machine: What must be the same for the bits to be the same, as plain data.
+            resume_files: What a killed trial continues from is written there.
+            stopwatch: Of the trial; what it has counted goes into resume files.
         """
-        self._config, self._journals, self._stopwatch = config, journals, stopwatch
-        self._checkpoints: Checkpoints | None = checkpoints
+        config = trial.config
+        self._config, self._stopwatch, self._progress = config, stopwatch, progress
+        self._resume_files: ResumeFiles | None = resume_files
         self._generators: dict[str, Any] | None = None
-        self._progress, self._interruption = progress, interruption.Interruption()
+        self._interruption = interruption.Interruption()
         self._logger: Logger | None = None
-        episodes, evaluations = journals
+        self._journals = tuple(Journal(trial.folder / name) for name in (EPISODES, EVALUATIONS))
         self.watch = TrainingWatch(
             steps=config.steps,
-            checkpoints=planned,
+            evaluation_points=trial.evaluation_points,
             evaluator=evaluator,
-            score=score,
-            episodes=episodes,
-            evaluations=evaluations,
+            score=trial.anchors.score,
+            episodes=self._journals[0],
+            evaluations=self._journals[1],
             progress=progress,
             boundary=self._keep,
         )
@@ -97,31 +90,38 @@ class Learning:
         self.agent = make_agent(setting, config.algo, vec_env, seed, config.hyperparameters)
         # After the agent was made: SB3 hands its own seed to the environment there.
         vec_env.seed(int(env_seed.generate_state(1)[0]))
-        self._made_by = {**machine, "configuration": config.hash, "code": source_digest(type(self.agent))}
+        # What must be the same for the bits to be the same.
+        self._made_by = {
+            "versions": dict(trial.versions),
+            "frames": asdict(trial.frames) if trial.frames else {},
+            **machine(),
+            "configuration": config.hash,
+            "code": source_digest(type(self.agent)),
+        }
 
-    def put_back(self, checkpoint: Mapping[str, Any]) -> None:
-        """Go on as the content of a checkpoint says.
+    def put_back(self, content: Mapping[str, Any]) -> None:
+        """Go on as the content of a resume file says.
 
         Raises:
             ValueError: If it was made otherwise, or the journals are not what they were then; anything else
-                if it is not a checkpoint of this training at all.
+                if it is not of this training at all.
         """
-        different = [name for name, value in self._made_by.items() if checkpoint["made_by"][name] != value]
+        different = [name for name, value in self._made_by.items() if content["made_by"][name] != value]
         if different:
             raise ValueError(f"it comes from a trial that differs in {' and '.join(different)}.")
-        for journal, mark in zip(self._journals, checkpoint["journals"], strict=True):
+        for journal, mark in zip(self._journals, content["journals"], strict=True):
             journal.cut(mark)
-        model_state.put_back(self.agent, checkpoint["agent"])
-        observation = self._recorder.put_back(checkpoint["environment"])
+        model_state.put_back(self.agent, content["agent"])
+        observation = self._recorder.put_back(content["environment"])
         # Where the budget cut a rollout off, the agent has not kept the last observation, nor needs it.
         learns_on = self.agent.num_timesteps < self._config.steps
         if learns_on and not np.array_equal(observation[np.newaxis], self.agent._last_obs):
             raise ValueError("it was made with other frames.")
-        self.watch.put_back(checkpoint["watch"])
-        self._generators = checkpoint["generators"]
+        self.watch.put_back(content["watch"])
+        self._generators = content["generators"]
         # Now, so that wrong ones are found here, and again when the agent begins to learn.
         model_state.put_generators_back(self.agent, self._generators)
-        self._stopwatch.add(checkpoint["seconds"])
+        self._stopwatch.add(content["seconds"])
 
     def learn(self, tensorboard: Path) -> None:
         """Let the agent learn what is left; one that is not Stable-Baselines3's is watched from outside.
@@ -150,7 +150,9 @@ class Learning:
         self.watch.num_timesteps = steps
 
     def close(self) -> None:
-        """End TensorBoard's events; each file has a thread that would outlive the trial."""
+        """Close the records, and TensorBoard's events, whose thread would outlive the trial."""
+        for journal in self._journals:
+            journal.close()
         if self._logger is not None:
             self._logger.close()
 
@@ -161,12 +163,12 @@ class Learning:
             KeyboardInterrupt: If somebody has asked for the end.
         """
         asked = self._interruption.is_asked
-        if self._checkpoints is not None and (at_end or asked or self._checkpoints.due()):
-            self._write_resume_file(self._checkpoints)
+        if self._resume_files is not None and (at_end or asked or self._resume_files.due()):
+            self._write_resume_file(self._resume_files)
         if asked:
             raise KeyboardInterrupt
 
-    def _write_resume_file(self, checkpoints: Checkpoints) -> None:
+    def _write_resume_file(self, resume_files: ResumeFiles) -> None:
         try:
             content = {
                 "made_by": self._made_by,
@@ -178,10 +180,10 @@ class Learning:
                 "generators": model_state.generators(self.agent),
             }
         except model_state.UnsavedError as error:
-            log.warning("no checkpoints, so that a trial that is killed starts again from step 0: %s", error)
-            self._checkpoints = None
+            log.warning("no resume files, so that a trial that is killed starts again from step 0: %s", error)
+            self._resume_files = None
             return
-        checkpoints.write(self.agent.num_timesteps, content)
+        resume_files.write(self.agent.num_timesteps, content)
 
 
 @contextlib.contextmanager

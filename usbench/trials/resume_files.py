@@ -1,4 +1,4 @@
-"""Checkpoints of a training: files that are whole or passed over, and that run no code when they are read.
+"""Resume files of a training: whole or passed over, and none runs code when it is read.
 
 A file is a line with name and format, the SHA-256 of what follows, and what `torch.save` makes of plain data.
 It is read with `torch.load(weights_only=True)`, which makes numbers, texts and tensors and nothing else: the
@@ -32,7 +32,7 @@ _DIGEST_SIZE = hashlib.sha256().digest_size
 
 
 def interval() -> float:
-    """Return the seconds between checkpoints, from the environment variable if it is set.
+    """Return the seconds between resume files, from the environment variable if it is set.
 
     Raises:
         ConfigurationError: If that is no number of at least 0.
@@ -47,11 +47,11 @@ def interval() -> float:
     return seconds
 
 
-class Checkpoints:
-    """The checkpoints of one trial, in a folder of their own inside the trial's."""
+class ResumeFiles:
+    """The resume files of one trial, in a folder of their own inside the trial's."""
 
     def __init__(self, trial: Path, seconds: float) -> None:
-        """Keep checkpoints of the trial in the folder `trial`, one in `seconds` at most."""
+        """Keep resume files of the trial in the folder `trial`, one in `seconds` at most."""
         self._folder, self._seconds = trial / CHECKPOINTS, seconds
         self._written = float("-inf")
 
@@ -64,7 +64,7 @@ class Checkpoints:
         return time.monotonic() - self._written >= self._seconds
 
     def write(self, step: int, content: dict[str, Any]) -> None:
-        """Write the checkpoint of `step`; if the disk does not take it, say so and keep those before."""
+        """Write the resume file of `step`; if the disk does not take it, say so and keep those before."""
         buffer = io.BytesIO()
         torch.save(content, buffer)
         payload = buffer.getvalue()
@@ -75,7 +75,7 @@ class Checkpoints:
             for path in self.paths()[KEPT:]:
                 path.unlink()
         except OSError as error:
-            log.warning("no checkpoint at step %d: %s cannot be written (%s)", step, self._folder, error)
+            log.warning("no resume file at step %d: %s cannot be written (%s)", step, self._folder, error)
         self._written = time.monotonic()
 
     def read(self) -> Iterator[tuple[Path, dict[str, Any]]]:
@@ -84,7 +84,7 @@ class Checkpoints:
             try:
                 content = _read(path)
             except Exception as error:  # whatever stands in a stranger's file
-                log.warning("checkpoint %s is passed over: %s", path, " ".join(str(error).split()))
+                log.warning("resume file %s is passed over: %s", path, " ".join(str(error).split()))
             else:
                 yield path, content
 
@@ -103,10 +103,10 @@ def _read(path: Path) -> dict[str, Any]:
     data = path.read_bytes()
     start = len(_HEADER) + _DIGEST_SIZE
     if data[: len(_HEADER)] != _HEADER:
-        raise ValueError("it does not begin as a checkpoint of this version does.")
+        raise ValueError("it does not begin as a resume file of this version does.")
     if hashlib.sha256(data[start:]).digest() != data[len(_HEADER) : start]:
         raise ValueError("its checksum differs, so it is damaged.")
     content = torch.load(io.BytesIO(data[start:]), map_location="cpu", weights_only=True)
     if not isinstance(content, dict):
-        raise ValueError(f"it holds {type(content).__name__}, not a checkpoint.")
+        raise ValueError(f"it holds {type(content).__name__}, not what a resume file holds.")
     return content

@@ -4,8 +4,7 @@ import contextlib
 import gc
 import logging
 import platform
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -20,16 +19,15 @@ from usbench import records, suite
 from usbench.agents import zoo
 from usbench.atomic import atomic_path, remove_leftovers
 from usbench.records import Trial, TrialConfig, checksums
-from usbench.records.journal import Journal
 from usbench.setting import Setting
 from usbench.trials.callback import Progress, Silent
 from usbench.trials.configuration import PACKAGES
 from usbench.trials.evaluation import Evaluator, explores
 from usbench.trials.finished import is_finished
 from usbench.trials.glibc_memory import keep_freed
-from usbench.trials.learning import Learning, heard_once, machine, make_agent, source_digest
+from usbench.trials.learning import Learning, heard_once, make_agent, source_digest
 from usbench.trials.lock import locked
-from usbench.trials.resume_files import Checkpoints, interval
+from usbench.trials.resume_files import ResumeFiles, interval
 from usbench.trials.stopwatch import Stopwatch
 
 log = logging.getLogger(__name__)
@@ -60,7 +58,7 @@ class Result:
 def run_trial(
     config: TrialConfig, out: Path, *, overwrite: bool = False, progress: Progress | None = None
 ) -> Result:
-    """Run one trial and leave its records in `out`; one that was ended goes on from its last checkpoint.
+    """Run one trial and leave its records in `out`; one that was ended goes on from its last resume file.
 
     A finished one is not run again unless `overwrite`; one that another process runs is waited for.
 
@@ -85,7 +83,8 @@ def run_trial(
         # One thread per trial: as fast on frames of this size, and the bits do not depend on the machine.
         torch.set_num_threads(1)
         keep_freed()
-        running = _Run(config, out, Checkpoints(folder, seconds), progress or Silent())
+        resume_files = ResumeFiles(folder, seconds)
+        running = _Run(config, out, resume_files, progress or Silent())
         running.run(anew=overwrite)
     # Models and environments hold each other: without this, the memory of a worker grows from trial to trial.
     del running
@@ -94,6 +93,7 @@ def run_trial(
 
 
 def _skipped(config: TrialConfig, folder: Path) -> Result:
+    ResumeFiles(folder, 0.0).clear()  # of a process that was killed in its last moment
     recorded = Trial.read(folder).code
     # Trials of earlier versions have recorded none.
     other = recorded not in ("", source_digest(zoo.model_class(config.algo)))
@@ -103,21 +103,23 @@ def _skipped(config: TrialConfig, folder: Path) -> Result:
 class _Run:
     """A trial while it runs: its folder, its models and the record that `trial.json` shows."""
 
-    def __init__(self, config: TrialConfig, out: Path, checkpoints: Checkpoints, progress: Progress) -> None:
+    def __init__(self, config: TrialConfig, out: Path, resume_files: ResumeFiles, progress: Progress) -> None:
         self.config, self.out, self.folder = config, out, out / config.folder_name
-        self.checkpoints, self.progress = checkpoints, progress
+        self.resume_files, self.progress = resume_files, progress
         self.setting = Setting.recorded(config)
         if self.setting.guidance.reward_from_frames:
             self.setting.prepare_frames(progress.frames)  # before the anchors need them, in silence
         self.agent: Any = None
         self.stopwatch = Stopwatch()
+        points = suite.evaluation_points(config.task, config.steps)
+        n_episodes = len(suite.evaluation_episodes(config.task))
         self.trial = Trial(
             folder=self.folder,
             status="running",
             config=config,
             anchors=self.setting.anchors(),
-            evaluation_points=suite.evaluation_points(config.task, config.steps),
-            n_evaluation_episodes=len(self.setting.evaluation_episodes()),
+            evaluation_points=points,
+            n_evaluation_episodes=n_episodes,
             versions={"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
             platform=platform.platform(),
             started=datetime.now(UTC).isoformat(timespec="seconds"),
@@ -126,7 +128,7 @@ class _Run:
 
     def run(self, *, anew: bool) -> None:
         """Do everything, and leave the true status behind whatever happens."""
-        goes_on = not anew and bool(self.checkpoints.paths())
+        goes_on = not anew and bool(self.resume_files.paths())
         remove_leftovers(self.folder)
         before = Trial.find(self.folder)
         if not goes_on:
@@ -149,11 +151,11 @@ class _Run:
             reason = f"{type(error).__name__}: {' '.join(str(error).split())}"
             self._give_up("failed", reason)
             raise TrialError(f"the trial in {str(self.folder)!r} failed: {reason}") from error
-        self.checkpoints.clear()
+        self.resume_files.clear()
 
     def _create(self, before: Trial | None) -> None:
         if before is not None and before.status != "finished":
-            log.warning("no checkpoint of the trial %s is of use: it starts from step 0", self.folder.name)
+            log.warning("no resume file of the trial %s is of use: it starts from step 0", self.folder.name)
         records.create(self.out, self.config)
 
     def _frames(self) -> None:
@@ -164,55 +166,32 @@ class _Run:
         self._write(frames=frames)
 
     def _train_and_evaluate(self, goes_on: bool) -> None:
-        """Train for exactly the budget; every episode and every evaluation goes into the journals."""
+        """Train for exactly the budget; every episode and every evaluation is recorded."""
         self.evaluator = Evaluator(self.setting)
-        for path, checkpoint in self.checkpoints.read() if goes_on else ():
-            with self._journals() as journals:
-                learning = self._learning(journals)
+        for path, content in self.resume_files.read() if goes_on else ():
+            with contextlib.closing(self._learning()) as learning:
                 try:
-                    learning.put_back(checkpoint)
-                except Exception as error:  # whatever a stranger's checkpoint says
-                    log.warning("checkpoint %s is passed over: %s", path, " ".join(str(error).split()))
+                    learning.put_back(content)
+                except Exception as error:  # whatever a stranger's file says
+                    log.warning("resume file %s is passed over: %s", path, " ".join(str(error).split()))
                     continue
-                self.checkpoints.go_on_from(path)
+                self.resume_files.go_on_from(path)
                 self._learn(learning)
                 return
         if goes_on:
             self._create(Trial.find(self.folder))
             self._write()
-        with self._journals() as journals:
-            self._learn(self._learning(journals))
+        with contextlib.closing(self._learning()) as learning:
+            self._learn(learning)
 
-    @contextlib.contextmanager
-    def _journals(self) -> Iterator[tuple[Journal, Journal]]:
-        with (
-            Journal(self.folder / records.EPISODES) as episodes,
-            Journal(self.folder / records.EVALUATIONS) as evaluations,
-        ):
-            yield episodes, evaluations
-
-    def _learning(self, journals: tuple[Journal, Journal]) -> Learning:
+    def _learning(self) -> Learning:
         return Learning(
-            self.config,
-            self.setting,
-            evaluator=self.evaluator,
-            planned=self.trial.evaluation_points,
-            score=self.trial.anchors.score,
-            progress=self.progress,
-            journals=journals,
-            checkpoints=self.checkpoints,
-            stopwatch=self.stopwatch,
-            machine=self._machine(),
+            self.trial, self.setting, self.evaluator, self.progress, self.resume_files, self.stopwatch
         )
-
-    def _machine(self) -> dict[str, Any]:
-        """Return what must be the same for the bits to be the same, as plain data."""
-        frames = asdict(self.trial.frames) if self.trial.frames else {}
-        return {"versions": dict(self.trial.versions), "frames": frames, **machine()}
 
     def _learn(self, learning: Learning) -> None:
         self.agent, watch = learning.agent, learning.watch
-        with heard_once(), contextlib.closing(learning):
+        with heard_once():
             if self.config.steps:
                 with self.stopwatch.timed("training_s"):
                     learning.learn(self.folder / records.TENSORBOARD)
