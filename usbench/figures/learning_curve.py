@@ -20,7 +20,8 @@ EVALUATIONS = (
 
 def write(folder: Path) -> Path:
     """Draw `learning_curve.png` of the trial in `folder` into it and return the path; errors as of `draw`."""
-    return style.save(draw(Trial.read(folder)), folder / LEARNING_CURVE)
+    figure = draw(Trial.read(folder))
+    return style.save(figure, folder / LEARNING_CURVE)
 
 
 def draw(trial: Trial) -> Figure:
