@@ -9,7 +9,11 @@ from state_files import read_state, write_state
 
 from usbench import cli, records
 from usbench.compare import plan, sweep
+from usbench.envs.bmode import Imaging
+from usbench.envs.probe import LinearArray
 from usbench.results import tables
+from usbench.trials import runner
+from usbench.trials.configuration import resolve
 
 GRID = [
     "--algos",
@@ -117,19 +121,26 @@ def test_leaderboard_of_a_folder_without_trials_is_refused_and_overwrites_nothin
     assert contents(here) == {here / "leaderboard.md": b"mine"}
 
 
-def test_trials_in_another_environment_are_left_out_of_the_leaderboard_of_a_folder(
-    finished, no_figures, tmp_path, capsys
-):
-    state = read_state(finished)
-    other = finished.with_name("other")
-    shutil.copytree(finished, other)
-    state["config"]["environment"]["reward"] = "image"
-    write_state(other, state)
-    path = tmp_path / "leaderboard.md"
-    assert cli.main(["leaderboard", "--runs", str(finished.parent), "--leaderboard", str(path)]) == 0
-    error = capsys.readouterr().err
-    assert error == "left out, as it is not pp as it stands in the table of tasks: other\n"
-    assert list(tables.read(tmp_path / "leaderboard_files").trials["trial"]) == [finished.name]
+@pytest.mark.parametrize(
+    "own",
+    [
+        {"probe": LinearArray(n_lines=48)},
+        {"imaging": Imaging(dynamic_range_db=50)},
+        {"reward": "image"},
+    ],
+    ids=["probe", "imaging", "reward"],
+)
+@pytest.mark.parametrize("option", ["--runs", "--add"])
+def test_trials_in_another_environment_are_left_out_of_a_leaderboard(here, no_figures, capsys, own, option):
+    folders = [
+        runner.run_trial(resolve("stay", "pp", **setting), Path("runs")).folder for setting in ({}, own)
+    ]
+    assert folders[0] != folders[1]
+    tables.write(tables.collect(Path("runs"), [resolve("stay", "pp")]), Path("leaderboard_files"))
+    assert cli.main(["leaderboard", option, "runs"]) == 0
+    said = "left out, as its anatomy, probe, imaging or reward is not that of the task pp:"
+    assert f"{said} {folders[1].name}\n" in capsys.readouterr().err
+    assert list(tables.read(Path("leaderboard_files")).trials["trial"]) == [folders[0].name]
 
 
 def test_trials_of_a_folder_are_added_to_the_tables(finished, no_figures, tmp_path, capsys):

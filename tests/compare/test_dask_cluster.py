@@ -242,7 +242,7 @@ def test_refusals_reach_the_command_line_in_one_sentence(quick, tmp_path, capsys
 
 def test_folder_that_cannot_be_written_is_refused_before_anything_runs(quick, tmp_path, two):
     (tmp_path / "file").write_text("")
-    with pytest.raises(ConfigurationError, match="--out"):
+    with pytest.raises(ConfigurationError, match="choose another folder"):
         run(plan("stay"), tmp_path / "file", two)
 
 

@@ -177,5 +177,5 @@ def test_finalists_of_a_search_on_other_tasks_are_refused(tmp_path):
 
 def test_folder_that_cannot_be_written_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(records.ConfigurationError, match="--out"):
+    with pytest.raises(records.ConfigurationError, match="choose another folder"):
         run(tmp_path / "file", 1)

@@ -96,7 +96,7 @@ def test_broken_record_fails_its_trial_only(quick, tmp_path):
 
 def test_folder_that_cannot_be_written_is_refused(quick, tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(records.ConfigurationError, match="--out"):
+    with pytest.raises(records.ConfigurationError, match="choose another folder"):
         run(plan("stay"), tmp_path / "file" / "below")
 
 

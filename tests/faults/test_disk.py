@@ -69,7 +69,7 @@ def test_disk_that_becomes_full_while_a_trial_runs(bits, disk, tmp_path):
 
 def test_disk_that_cannot_be_written_is_refused_and_what_is_finished_there_is_read(bits, disk, tmp_path):
     subprocess.run(["mount", "-o", "remount,ro", str(disk)], check=True)
-    assert "cannot be written (Read-only file system): choose another with --out." in run(disk, tmp_path)
+    assert "cannot be written (Read-only file system): choose another folder." in run(disk, tmp_path)
     subprocess.run(["mount", "-o", "remount,rw", str(disk)], check=True)
     assert run(disk, tmp_path) == "finished"
     subprocess.run(["mount", "-o", "remount,ro", str(disk)], check=True)

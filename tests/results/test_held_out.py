@@ -132,7 +132,7 @@ def test_agents_of_ones_own_are_opened_only_if_they_are_named(tmp_path, monkeypa
         transfer, "test", lambda trial, algo: opened.append(algo) or rows_of(0.1).iloc[0].to_dict()
     )
     transfer.write(tmp_path, tmp_path, told.append)
-    assert told == [f"left out, as testing them runs their code: name them with --algos {own}"] and not opened
+    assert told == [f"left out, as testing them runs their code, unless they are named: {own}"] and not opened
     transfer.write(tmp_path, tmp_path, told.append, [own])
     assert opened == [own]
     with pytest.raises(ConfigurationError, match="no finished trial of 'vpg' on fp, pp: .* of mine:LongPPO"):

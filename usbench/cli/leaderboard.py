@@ -46,9 +46,10 @@ def _call(args: argparse.Namespace) -> None:
 
         known, others = runs.gather(args.runs or args.add)
         for name, task in others[["trial", "task"]].itertuples(index=False, name=None):
-            print(
-                f"left out, as it is not {task} as it stands in the table of tasks: {name}", file=sys.stderr
+            told = (
+                f"left out, as its anatomy, probe, imaging or reward is not that of the task {task}: {name}"
             )
+            print(told, file=sys.stderr)
         if args.add is not None:
             known = _added(tables.read(folder), known)
         tables.write(known, leaderboard.prepare(args.leaderboard))

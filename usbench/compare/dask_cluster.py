@@ -156,7 +156,7 @@ def _connect(address: str) -> Any:
         import distributed
     except ImportError as error:
         raise ConfigurationError(
-            "--cluster needs Dask, which is not installed: pip install 'usbench[dask]'."
+            "trials on a cluster need Dask, which is not installed: pip install 'usbench[dask]'."
         ) from error
     # Before Dask sees it: a client that cannot read its address is never quite closed.
     if not _is_address(address):
@@ -171,8 +171,8 @@ def _connect(address: str) -> Any:
         return client(address, timeout=CONNECT_S, set_as_default=False)
     except Exception as error:  # refused, not resolved, timed out, or something else answers there
         raise ConfigurationError(
-            f"no Dask scheduler answers at {address} within {CONNECT_S:g} s: start one, or choose another "
-            "with --cluster."
+            f"no Dask scheduler answers at {address} within {CONNECT_S:g} s: start one, or give the address "
+            "of another."
         ) from error
 
 

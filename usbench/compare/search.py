@@ -75,7 +75,7 @@ def settings_of(algo: str, tasks: Sequence[str], *, noise: Any, seeds: Any, step
     configs = [resolve(algo, task, noise=noise, steps=steps) for task in dict.fromkeys(tasks)]
     if len({config.steps for config in configs}) > 1:
         raise ConfigurationError(
-            f"the tasks {', '.join(tasks)} have different budgets: give one with --steps."
+            f"the tasks {', '.join(tasks)} have different budgets: say how many steps to train on each."
         )
     names = tuple(config.task for config in configs)
     if unseen := [name for name in names if suite.TASKS[name].phantoms]:
@@ -106,7 +106,7 @@ def run(
     if n_finalists and not set(settings.tasks) <= set(suite.PAPER):
         raise ConfigurationError(
             f"finalists are judged on {' and '.join(suite.PAPER)}, which is no final of a search on "
-            f"{', '.join(settings.tasks)}: leave out --finalists."
+            f"{', '.join(settings.tasks)}: ask for no finalists."
         )
     folder = out / settings.folder_name
     study = _study(settings, out)

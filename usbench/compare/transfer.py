@@ -49,8 +49,8 @@ def write(
     absent = [name for name in missing["trial"] if not (runs / name / records.TRIAL).is_file()]
     if absent:
         raise ConfigurationError(
-            f"{len(absent)} of {len(missing)} trials to test are not in {str(runs)!r}, as {absent[0]}: say "
-            "with --out where they are."
+            f"{len(absent)} of {len(missing)} trials to test are not in {str(runs)!r}, as {absent[0]}: "
+            "name the folder where they are."
         )
     torch.set_num_threads(1)  # as in training: the bits do not depend on the machine
     for task in dict.fromkeys(missing["task"].map(held_out.MANY)):
@@ -88,7 +88,7 @@ def _asked(trials: pd.DataFrame, algos: Sequence[str] | None, tell: Callable[[st
     own = trials["algo"].str.contains(":")
     if own.any():
         names = " ".join(sorted(set(trials.loc[own, "algo"])))
-        tell(f"left out, as testing them runs their code: name them with --algos {names}")
+        tell(f"left out, as testing them runs their code, unless they are named: {names}")
     return trials[~own]
 
 

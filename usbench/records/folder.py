@@ -42,7 +42,7 @@ def create(out: Path, config: TrialConfig) -> Path:
 def unwritable(out: Path, error: OSError) -> ConfigurationError:
     """Return the error for an output folder that cannot be written."""
     return ConfigurationError(
-        f"the output folder {str(out)!r} cannot be written ({error.strerror}): choose another with --out."
+        f"the output folder {str(out)!r} cannot be written ({error.strerror}): choose another folder."
     )
 
 

@@ -20,7 +20,7 @@ def followed(config: TrialConfig) -> Iterator[None]:
         import wandb
     except ImportError:
         raise ConfigurationError(
-            "--wandb needs Weights & Biases, which is not installed: pip install 'usbench[wandb]'."
+            "to follow a trial needs Weights & Biases, which is not installed: pip install 'usbench[wandb]'."
         ) from None
     try:
         run = wandb.init(
