@@ -22,7 +22,7 @@ from usbench.envs.pose import Pose
 from usbench.envs.probe import LinearArray
 from usbench.envs.settings import Setup
 from usbench.envs.tasks.imaging_setup import IMAGING_SETUP, PHANTOM, contrast_to_noise, regions
-from usbench.figures import style as drawing
+from usbench.figures import style
 
 KNOBS = {
     "focal_depth_mm": ("focal depth", "mm", 1),
@@ -89,8 +89,8 @@ def figure(store: FrameStore, quality: Quality, best: Setup) -> Figure:
         row[0].set_ylabel(f"{name}\ndepth (mm)")
         values = [getattr(pose, knob) / scale for pose in poses]
         for kind, label in enumerate(("contrast-to-noise ratio", "generalized")):
-            style = drawing.styles(("contrast-to-noise ratio", "generalized"))[label]
-            row[3].plot(values, [quality[pose][kind] for pose in poses], label=label, **style)
+            look = style.styles(("contrast-to-noise ratio", "generalized"))[label]
+            row[3].plot(values, [quality[pose][kind] for pose in poses], label=label, **look)
         row[3].set(xlabel=f"{name} ({unit})", ylim=(0, 2.5))
         row[3].grid(alpha=0.3)
     axes[0, 3].legend(fontsize=9, loc="lower center")
@@ -109,7 +109,7 @@ def main() -> None:
     for table in tables(quality, best):
         Console(width=110).print(table)
     if args.figure is not None:
-        drawing.save(figure(store, quality, best), args.figure)
+        style.save(figure(store, quality, best), args.figure)
         print(args.figure)
 
 

@@ -14,8 +14,7 @@ from state_files import read_state, write_state
 from usbench import cli, records
 from usbench.envs import guidance
 from usbench.records import ConfigurationError
-from usbench.report import page as report
-from usbench.report import text as report_text
+from usbench.report import page, text
 
 SECTIONS = {
     "leaderboard", "learning", "comparison", "paper", "agents", "look-alikes", "endings", "configuration",
@@ -60,7 +59,7 @@ def without_figures(monkeypatch):
 
 
 def made(runs, out):
-    return report.write(runs, out / "report.html").read_text()
+    return page.write(runs, out / "report.html").read_text()
 
 
 def add(runs, name, **changes):
@@ -165,7 +164,7 @@ def test_refusals(tmp_path, runs, out, said):
         if content:
             (tmp_path / name / "trial" / records.TRIAL).write_text(content)
     with pytest.raises(ConfigurationError, match=said) as refused:
-        report.write(tmp_path / runs, tmp_path / out)
+        page.write(tmp_path / runs, tmp_path / out)
     assert "\n" not in str(refused.value)
     assert not (tmp_path / out).exists()
 
@@ -180,7 +179,7 @@ def test_command_writes_the_page_and_tells_what_it_does(runs, without_figures, t
 
 
 def test_markdown_becomes_tables_with_caption_and_headers():
-    html = report_text.html("| agent | score |\n| --- | ---: |\n| `vpg` | **0.5** |", "All & more")
+    html = text.html("| agent | score |\n| --- | ---: |\n| `vpg` | **0.5** |", "All & more")
     assert 'aria-label="All &amp; more"' in html and "<span>All &amp; more</span></caption>" in html
     assert '<th scope="col">agent</th>' in html
     assert '<th scope="row"><code>vpg</code></th>' in html
@@ -188,5 +187,5 @@ def test_markdown_becomes_tables_with_caption_and_headers():
 
 
 def test_markdown_leads_nowhere():
-    text = "[a](https://example.org) ![b](https://example.org/b.png) <img src=x> <https://example.org>"
-    assert not re.search("<(a|img)", report_text.html(text))
+    markdown = "[a](https://example.org) ![b](https://example.org/b.png) <img src=x> <https://example.org>"
+    assert not re.search("<(a|img)", text.html(markdown))

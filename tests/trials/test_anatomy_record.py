@@ -124,7 +124,7 @@ def test_settings_that_cannot_be_are_refused_in_one_sentence(capsys, file, setti
         (["--task", "fp"], "keeps the focus of its recording"),
         (["--task", "exam"], "keeps the focus of its recording"),
         (["--task", "setup"], "takes no custom anatomy"),
-        (["--task", "pp-random"], "'pp-random' draws its phantoms and takes no --phantom"),
+        (["--task", "pp-random"], "'pp-random' draws its phantoms and takes no custom anatomy"),
         (["--task", "fp-random"], "allowed are 'pp'."),
         (["--reward", "image"], "the reward cannot be 'image'"),
         (["--reward", "image"], "take 'normalized'"),

@@ -19,9 +19,8 @@ from usbench.guide import examination
 from usbench.guide.agents import ORACLE
 from usbench.guide.session import Session
 from usbench.records import ConfigurationError, Trial
-from usbench.report import agents as report_agents
-from usbench.report import poses as report_poses
-from usbench.results import tables as results
+from usbench.report import agents, poses
+from usbench.results import tables
 from usbench.setting import Setting
 from usbench.trials import runner
 from usbench.trials.configuration import resolve
@@ -90,7 +89,7 @@ def test_a_trial_tells_where_the_volume_was_and_what_was_looked_for(trial, _made
     environment = state["config"]["environment"]
     assert environment["volume"] == str(_made / "block.mha")
     assert environment["phantom"]["digest"] == tissue.read(_made / "block.mha").digest
-    assert state["anchors"] == asdict(oracle.returns("pp", target=Pose(10, 50, 30)))
+    assert state["anchors"] == asdict(oracle.returns(suite.TASKS["pp"].guidance, target=Pose(10, 50, 30)))
     evaluations = records.load(trial)
     assert set(evaluations["target_x_mm"]) == {10} and set(evaluations["target_angle_deg"]) == {30}
     assert "phantom" not in evaluations
@@ -117,8 +116,8 @@ def test_the_same_content_is_the_same_trial_wherever_it_lies(trial, file, tmp_pa
     for name in (records.EPISODES, records.EVALUATIONS):
         assert (again / name).read_bytes() == (trial / name).read_bytes()
     # Folders with both tell of one configuration, not of two.
-    tables = [results.collect(folder.parent).trials for folder in (trial, again)]
-    assert tables[0]["configuration"].tolist() == tables[1]["configuration"].tolist()
+    rows = [tables.collect(folder.parent).trials for folder in (trial, again)]
+    assert rows[0]["configuration"].tolist() == rows[1]["configuration"].tolist()
     others = [
         resolve("vpg", "pp", steps=64),
         resolved(moved),
@@ -165,9 +164,9 @@ def test_a_replay_is_of_the_volume(trial):
 
 
 def test_a_report_plays_it_and_has_no_map_of_another_phantom(trial):
-    (one,) = report_agents.shown(results.collect(trial.parent))
-    poses = report_poses.Poses(suite.TASKS["pp"].guidance, np.zeros(0), "", np.zeros(0, bool))
-    card = report_agents.card(trial.parent, one, poses)
+    (one,) = agents.shown(tables.collect(trial.parent))
+    looks = poses.Poses(suite.TASKS["pp"].guidance, np.zeros(0), "", np.zeros(0, bool))
+    card = agents.card(trial.parent, one, looks)
     assert card.map is None and "custom anatomy" in card.silence
     record = replay.typical(Trial.read(trial).last_evaluation(deterministic=True))
     assert card.replay.total == film.fixed(record["return"])
@@ -181,7 +180,7 @@ def test_a_saved_agent_is_opened_for_the_volume(trial, file):
 
 def test_the_guide_is_in_the_volume_of_the_trial(trial, tmp_path):
     session = Session(tmp_path / "nothing", trial, seed=0)
-    own = session.anatomy
+    own = session.setting.anatomy
     assert own.target == Pose(10, 50, 30) and session.tasks == ("pp",)
     state = session.state()
     assert list(state["tasks"]) == ["pp"] and not state["training"]["offered"]

@@ -1,4 +1,4 @@
-"""In what ways evaluation episodes go wrong, from records alone: the paper's two failure modes and others."""
+"""The ways in which evaluation episodes fail, from records alone: the two of the paper and others."""
 
 import json
 

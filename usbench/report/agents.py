@@ -1,4 +1,4 @@
-"""One trial for each agent and task, to be looked at: its replay, and what it does in every pose."""
+"""One trial for each agent and task, shown on the page: its replay, and a map of its actions."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -74,7 +74,7 @@ class Card:
         shown: The trial.
         setting: What its agent meets.
         replay: A typical episode.
-        map: Its actions in every pose, None if there are none.
+        map: Map of its greedy actions in every pose; None if there is no map.
         silence: Why there is no map.
         accuracy: How good the actions are, over all trials, as a row of `accuracy_table`.
     """

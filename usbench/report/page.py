@@ -38,7 +38,7 @@ def write(runs: Path, out: Path, tell: Tell = lambda _: None) -> Path:
     Args:
         runs: Where the trials are.
         out: An `.html` file.
-        tell: Told what is being made, since the pictures take minutes where agents are many.
+        tell: Called with what is being made: the pictures of many agents take minutes.
 
     Raises:
         ConfigurationError: If there are no trials, a record is broken or nothing can be written.
@@ -71,7 +71,7 @@ def _page(content: dict[str, Any]) -> str:
 def _comparison(known: Results) -> dict[str, Any]:
     """Return what follows from the results alone."""
     return {
-        "answer": text.inline(verdict.text(known)),
+        "verdict": text.inline(verdict.text(known)),
         "reading": leaderboard.READING,
         "n_trials": len(known.trials),
         "n_finished": int((known.trials["status"] == "finished").sum()),

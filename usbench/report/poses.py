@@ -1,4 +1,4 @@
-"""Look-alike poses on a page: their frames side by side, and how agents act there and elsewhere."""
+"""Poses on a page: what is seen in each, and the most alike of those that need different actions."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Tables of the page beside the leaderboard's: how episodes end, what was set, what became of every trial."""
+"""Tables of the page that the leaderboard lacks: how episodes end, settings, what became of every trial."""
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -86,7 +86,9 @@ def environments(runs: Path, known: Results) -> list[Table]:
     tables = []
     for (task, _), own in known.trials.groupby(["task", scores.environments(known.trials)]):
         values = Trial.read(runs / own["trial"].iloc[0]).config.environment
-        title = f"{suite.TASKS[str(task)].guidance.title}: environment (SI units where a name says no other)"
+        title = (
+            f"{suite.TASKS[str(task)].guidance.title}: environment (SI units unless a name ends with another)"
+        )
         rows = [[name, _value(value)] for name, value in _flat(values)]
         tables.append(Table(title, ["setting", "value"], rows, 2))
     return tables

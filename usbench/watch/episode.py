@@ -1,4 +1,4 @@
-"""What a replay and a guide say of an episode: what the optimum would have got in it, and slips in words."""
+"""What a replay and a guide say of an episode: the return of the optimum in it, and slips in words."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -12,8 +12,8 @@ def optimum(setting: Setting, seed: int, options: Mapping[str, int] | None = Non
 
     Args:
         setting: Task, noise and what is examined.
-        seed: Of the episode: the same start and the same slips.
-        options: Start pose, as `reset` takes it; by default `seed` draws it.
+        seed: Seed of the episode, from which its start and its slips follow.
+        options: Start pose, as `reset` takes it; by default it follows from the seed.
     """
     env: Any = setting.make_env()
     _, info = env.reset(seed=seed, options=None if options is None else dict(options))

@@ -67,7 +67,7 @@ def advice_words(advice: Advice, names: Sequence[str]) -> list[str]:
 
 
 def write(path: Path, pages: Sequence[Image.Image]) -> None:
-    """Write pages of one size as .gif, .webp or .mp4; a page after which an episode ends stays for longer.
+    """Write pages of one size as .gif, .webp or .mp4; the last page of an episode stays for longer.
 
     Raises:
         ValueError: If the name ends otherwise.

@@ -14,6 +14,7 @@ from rich.live import Live
 from rich.style import Style
 from rich.text import Text
 
+from usbench.coordinates import BY_NAME, POSE
 from usbench.envs.scene import picture
 from usbench.envs.scene.drawing import BACKGROUND
 from usbench.envs.settings import in_words
@@ -48,9 +49,7 @@ def table(moments: Iterator[Moment], names: Sequence[str]) -> str:
             "reward": film.fixed(moment.reward),
             "return": film.fixed(moment.return_),
             "optimum": film.fixed(moment.optimum),
-            "x (mm)": moment.pose.x_mm,
-            "focus (mm)": moment.pose.focal_depth_mm,
-            "angle (deg)": moment.pose.angle_deg,
+            **{_heading(name): getattr(moment.pose, name) for name in POSE},
             **({"settings": ", ".join(words)} if (words := in_words(moment.pose)) else {}),
             "distance (mm)": f"{moment.distance_mm:g}",
             "slip": moment.slip,
@@ -75,7 +74,7 @@ def screen(moment: Moment, steps: int, names: Sequence[str], console: Console) -
     text.append_text(blocks(image, colored=console.color_system is not None))
     pose = moment.pose
     text.append(f"step {moment.step}/{steps}: {moment.action}", style="bold")
-    where = [f"x {pose.x_mm} mm", f"focus {pose.focal_depth_mm} mm", f"angle {pose.angle_deg}°"]
+    where = [BY_NAME[name].value.format(getattr(pose, name)) for name in POSE]
     text.append("".join(f"   {part}" for part in [*where, *in_words(pose)]) + "\n")
     text.append("\n".join(film.facts(moment)) + "\n")
     if moment.advice is not None:
@@ -125,6 +124,12 @@ def blocks(image: npt.NDArray[np.uint8], *, colored: bool) -> Text:
                 text.append(SHADES[int(brightness * len(SHADES))])
         text.append("\n")
     return text
+
+
+def _heading(coordinate: str) -> str:
+    """Return the heading of a column of coordinates, "focal depth (mm)" for `focal_depth_mm`."""
+    words, _, unit = coordinate.rpartition("_")
+    return f"{words.replace('_', ' ')} ({unit})"
 
 
 def _live(selection: Selection, episode: dict[str, Any], console: Console) -> None:
