@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from usbench.figures import episode_ends
-from usbench.results.tables import DRAWN, GREEDY, Results
+from usbench.results.tables import GREEDY, SAMPLED, Results
 
 
 def episode(task, x_mm, depth_mm, start_deg, angle_deg, **others):
@@ -101,7 +101,7 @@ def trained(algo, n_frames, seed, score):
     row = {"trial": trial, "seed": seed, "steps": 64, "settings": settings} | cell
     ends = [
         {"trial": trial, "kind": kind, "step": step, "normalized_score": value}
-        for kind, value in ((GREEDY, score), (DRAWN, score - 0.1))
+        for kind, value in ((GREEDY, score), (SAMPLED, score - 0.1))
         for step, value in ((0, 0.0), (64, value))
     ]
     return row, ends

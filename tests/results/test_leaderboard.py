@@ -35,7 +35,7 @@ def test_opens_with_the_answer():
     assert answer.startswith("So far (8 of 9 trials are finished) `ppo` comes closest")
 
 
-def test_rows_are_ranked_with_floor_and_ceiling_last():
+def test_rows_are_ranked_with_reference_policies_last():
     text = leaderboard.markdown(made(*GRID))
     cell = text.split("## fp, noise 0")[1].split("## How")[0]
     agents = [line.split(" | ")[0].strip("| ") for line in lines(cell, "| `")]

@@ -24,7 +24,7 @@ def test_no_trials_at_all():
     assert "0 of 0 trials" in sentences()[1]
 
 
-def test_floor_and_ceiling_alone_answer_nothing():
+def test_reference_policies_alone_answer_nothing():
     assert "is open" in sentences(trial("oracle", 1.0), trial("random", 0.0))[0]
 
 

@@ -2,7 +2,7 @@
 
 import pandas as pd
 
-from usbench.results.tables import CURVE_COLUMNS, DRAWN, GREEDY, TRAINING, TRIAL_COLUMNS, Results
+from usbench.results.tables import CURVE_COLUMNS, GREEDY, SAMPLED, TRAINING, TRIAL_COLUMNS, Results
 
 STEPS = 16_064
 FIXED = ("random", "stay", "oracle")
@@ -53,7 +53,7 @@ def curves(row):
     name, steps, score = row["trial"], row["steps"], row["score"]
     shares = (0, 0.5, 1) if steps else (1,)
     return [
-        *(curve(DRAWN, name, int(steps * share), score * share - 0.1) for share in shares),
+        *(curve(SAMPLED, name, int(steps * share), score * share - 0.1) for share in shares),
         *(curve(GREEDY, name, int(steps * share), score * share) for share in shares),
         *(curve(TRAINING, name, steps * part // 50, score * part / 50) for part in range(1, 51) if steps),
     ]

@@ -72,11 +72,11 @@ class SweepBars:
         self._ended += 1
         self._bar.advance(self._task)
         state = "finished" if outcome.reason is None else "failed"
-        self._say(f"[{self._ended}/{self._missing}] {_name(outcome.config)}: {state}")
+        self._say(f"[{self._ended}/{self._missing}] {outcome.config.title}: {state}")
 
     def retried(self, config: TrialConfig) -> None:
         """The process of a trial died; the trial starts again."""
-        self._say(f"{_name(config)}: its process died, the trial starts again")
+        self._say(f"{config.title}: its process died, the trial starts again")
 
     def _say(self, line: str) -> None:
         if not self._quiet:
@@ -86,11 +86,7 @@ class SweepBars:
 def failures(outcomes: Sequence[Outcome]) -> list[str]:
     """Return a line with its reason for each trial that failed."""
     failed = [outcome for outcome in outcomes if outcome.reason is not None]
-    return [f"{_name(outcome.config)} failed: {outcome.reason}" for outcome in failed]
-
-
-def _name(config: TrialConfig) -> str:
-    return f"{config.algo} on {config.task}, noise {config.noise:g}, seed {config.seed}"
+    return [f"{outcome.config.title} failed: {outcome.reason}" for outcome in failed]
 
 
 def _duration(seconds: float) -> str:

@@ -15,7 +15,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
     transfer = subparsers.add_parser(
         "transfer",
         parents=[debug],
-        help="test agents of one phantom on phantoms never seen",
+        help="test agents of one phantom on unseen phantoms",
         description="Test every agent of a comparison that was trained on one phantom (fp, pp) on the "
         "evaluation phantoms of the same task with many (fp-random, pp-random), and write the leaderboard "
         "with both side by side: usbench compare --tasks pp pp-random, then this. What was tested is not "
@@ -36,7 +36,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
 
 
 def _call(args: argparse.Namespace) -> None:
-    """Test agents of one phantom on phantoms never seen, and write the leaderboard again."""
+    """Test agents of one phantom on unseen phantoms, and write the leaderboard again."""
     from usbench.compare import transfer
     from usbench.results import leaderboard
 

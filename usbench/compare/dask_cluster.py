@@ -28,8 +28,8 @@ CONNECT_S = 5.0
 MAX_GREETING = 1_000_000
 CANCEL_CHECK_S = 1.0
 PACKAGES = (*configuration.PACKAGES, "distributed")
-# What comes back of a trial folder; TensorBoard's events lie one folder down. The state comes last: whoever
-# finds it finds the rest.
+# What comes back of a trial folder; TensorBoard's events lie one folder down. `trial.json` comes last:
+# whoever finds it finds the rest.
 FILES = (records.EPISODES, records.EVALUATIONS, records.MODEL, f"{records.TENSORBOARD}/*", records.TRIAL)
 Files = Mapping[str, bytes]
 
@@ -238,7 +238,7 @@ def _files(folder: Path) -> dict[str, bytes]:
 
 
 def _bring(files: Files, config: TrialConfig, out: Path) -> None:
-    """Write the files of a trial into its folder in `out`; its state comes last."""
+    """Write the files of a trial into its folder in `out`, `trial.json` last."""
     strange = [name for name in files if not any(PurePosixPath("/", name).match(f"/{own}") for own in FILES)]
     if strange:
         raise ValueError(f"a worker sent a file {strange[0]!r} that does not belong to a trial.")

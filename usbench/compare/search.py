@@ -16,7 +16,7 @@ from usbench.atomic import atomic_file
 from usbench.checks import unknown
 from usbench.compare import sweep
 from usbench.compare.plan import positive
-from usbench.records import ConfigurationError, TrialConfig
+from usbench.records import ConfigurationError, Trial, TrialConfig
 from usbench.trials.configuration import resolve
 
 # Comparisons count their seeds from 0. Finalists have others than those that chose them.
@@ -45,7 +45,7 @@ class Settings:
 
     @property
     def folder_name(self) -> str:
-        """Name of the search's own folder: trials, journal and table."""
+        """Name of the search's folder: trials, journal and table."""
         return f"search-{self.algo}-{'-'.join(self.tasks)}-p{self.noise:g}-{self.seeds}x{self.steps}"
 
     def trials(self, params: dict[str, Any]) -> list[TrialConfig]:
@@ -170,7 +170,7 @@ def _study(settings: Settings, out: Path) -> Any:
 
 
 def _batch(study: Any, settings: Settings, n_candidates: int) -> list[Any]:
-    """Return the candidates that are begun and not judged, with new ones up to BATCH or `n_candidates`."""
+    """Return the candidates that have begun and have no score, and new ones up to BATCH or `n_candidates`."""
     import optuna
 
     running = list(study.get_trials(deepcopy=False, states=(_state("RUNNING"),)))
@@ -178,7 +178,7 @@ def _batch(study: Any, settings: Settings, n_candidates: int) -> list[Any]:
     # A batch that a kill left half asked for is filled up: the same candidates as without it.
     n_batches = -(-n_begun // BATCH) if running else n_begun // BATCH + 1
     for number in range(n_begun, min(n_batches * BATCH, n_candidates)):
-        # A sampler of its own for each, so that one candidate does not hang on how it came to the one before.
+        # A new sampler for each, so that a candidate does not depend on how the one before was chosen.
         study.sampler = optuna.samplers.TPESampler(seed=number, n_startup_trials=8, constant_liar=True)
         running.append(study.ask(_distributions(settings.algo)))
     return running
@@ -207,8 +207,7 @@ def _mean(configs: Sequence[TrialConfig], folder: Path) -> float:
     """Return the mean normalised score with greedy actions after the last step, as the leaderboard does."""
     scores = []
     for config in configs:
-        rows = records.load(folder / config.folder_name)
-        last = rows[rows["deterministic"] & (rows["checkpoint"] == config.steps)]
+        last = Trial.read(folder / config.folder_name).last_evaluation(deterministic=True)
         scores.append(float(last["normalized_score"].mean()))
     return sum(scores) / len(scores)
 

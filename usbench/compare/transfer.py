@@ -1,4 +1,4 @@
-"""Agents that were trained on one phantom, tested on phantoms that they have never seen."""
+"""Agents that were trained on one phantom, tested on unseen phantoms."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -28,7 +28,7 @@ def write(
         runs: Where the comparison's trials are.
         folder: Where its tables are.
         tell: Told which trial is tested, and what is left out.
-        algos: The algorithms to test; None for all that are not somebody's own, whose code would run.
+        algos: The algorithms to test; None for all but those from other modules, whose code would run.
 
     Raises:
         ConfigurationError: If there is nothing to test, or trials are missing in `runs`.
@@ -76,7 +76,7 @@ def _keep(rows: list[dict[str, object]], folder: Path) -> Path:
 
 
 def _asked(trials: pd.DataFrame, algos: Sequence[str] | None, tell: Callable[[str], None]) -> pd.DataFrame:
-    """Return the trials of `algos`, or of all whose code is known."""
+    """Return the trials of `algos`; for None of all algorithms but those from other modules."""
     if algos is not None:
         unknown = sorted({*algos} - {*trials["algo"]})
         if unknown:

@@ -11,7 +11,7 @@ from usbench.envs.oracle import PAPER_TARGET
 from usbench.envs.pose import sin_deg
 from usbench.figures import style
 from usbench.results.scores import value_based
-from usbench.results.tables import DRAWN, GREEDY, Results
+from usbench.results.tables import GREEDY, SAMPLED, Results
 
 KINDS = ("success", "beside", "too_deep", "too_shallow", "out_of_plane", "one_turn_off", "long_way")
 # The kinds that are drawn; hatches tell them apart in a grey print.
@@ -100,11 +100,11 @@ def by_frames(results: Results) -> pd.DataFrame:
     trials = results.trials.assign(n_frames=n_frames)[results.trials["steps"] > 0]
     several = trials.groupby(["task", "noise", "algo"])["n_frames"].transform("nunique") > 1
     keys = ["task", "noise", "algo", "n_frames"]
-    last = results.curves[results.curves["kind"].isin((GREEDY, DRAWN))].groupby(["trial", "kind"]).tail(1)
+    last = results.curves[results.curves["kind"].isin((GREEDY, SAMPLED))].groupby(["trial", "kind"]).tail(1)
     last = last[(last["kind"] == GREEDY) | ~last["trial"].isin(trials["trial"][value_based(trials)])]
     final = trials.loc[several, ["trial", "seed", *keys]].merge(last, on="trial")
     table = final.pivot_table(index=keys, columns="kind", values="normalized_score")
-    table = table.reindex(columns=[GREEDY, DRAWN])
+    table = table.reindex(columns=[GREEDY, SAMPLED])
     table.insert(0, "seeds", final.groupby(keys)["seed"].nunique())
     return table.rename_axis(columns=None).reset_index()
 

@@ -48,6 +48,11 @@ class TrialConfig:
         return hashlib.sha256(canonical.encode()).hexdigest()[:8]
 
     @property
+    def title(self) -> str:
+        """Algorithm, task, noise and seed in words."""
+        return f"{self.algo} on {self.task}, noise {self.noise:g}, seed {self.seed}"
+
+    @property
     def folder_name(self) -> str:
         """`<task>-p<noise>-<algo>-s<seed>-<hash>`."""
         algo = self.algo.replace(":", ".")  # no colon in a name on Windows

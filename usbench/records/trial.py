@@ -142,8 +142,7 @@ class Trial:
     @property
     def title(self) -> str:
         """Algorithm, task, noise and seed in words."""
-        config = self.config
-        return f"{config.algo} on {config.task}, noise {config.noise:g}, seed {config.seed}"
+        return self.config.title
 
     def episodes(self) -> pd.DataFrame:
         """Return its training episodes, one row each, with their `normalized_score`; empty if there are none.

@@ -1,4 +1,4 @@
-"""The track of phantoms never seen: agents trained on one phantom and on many, and the gap between them."""
+"""The track of unseen phantoms: agents trained on one phantom and on many, and the gap between them."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -56,8 +56,8 @@ def table(known: Results, tested: pd.DataFrame) -> pd.DataFrame:
     """Return a row per noise, task (on many phantoms) and agent: a configuration where a cell has several.
 
     Columns: `seen`, `one` and `many`, each with `_low`, `_high` (95 % interval) and `_seeds`: the score of
-    agents trained on one phantom, there and on those never seen, and of agents trained on many, on the same;
-    and `gap`, `many` less `one`. NaN where nothing was tested.
+    agents trained on one phantom, on that phantom and on unseen ones, and of agents trained on many phantoms,
+    on the same unseen ones; and `gap`, `many` less `one`. NaN where nothing was tested.
     """
     last = known.curves[known.curves["kind"] == SCORED].groupby("trial").tail(1)
     own = scores.agents(known.trials[known.trials["steps"] > 0])

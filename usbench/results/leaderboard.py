@@ -12,7 +12,7 @@ from usbench.atomic import atomic_file
 from usbench.records import ConfigurationError
 from usbench.results import held_out, provenance, scores, stats, tables, verdict
 from usbench.results.scores import CELL, ROW, SCORED, Cell
-from usbench.results.tables import DRAWN, Results
+from usbench.results.tables import SAMPLED, Results
 from usbench.tasks import row_of
 
 SCORES = "scores.csv"
@@ -166,13 +166,13 @@ def _anchors(trials: pd.DataFrame) -> str:
 
 def _cell(rows: pd.DataFrame) -> str:
     """Return the table of one task and noise: those that learn first, then reference policies, best first."""
-    drawn = rows[rows["actions"] == DRAWN].set_index(ROW)
+    sampled = rows[rows["actions"] == SAMPLED].set_index(ROW)
     table = rows[rows["actions"] == SCORED]
     table = table.assign(fixed=table["steps"] == 0, variant=table["algo"].duplicated(keep=False))
     table = table.sort_values(["fixed", "score", "algo"], ascending=[True, False, True], kind="stable")
     lines = []
     for row in table.to_dict("records"):
-        other = drawn.loc[tuple(row[name] for name in ROW)]
+        other = sampled.loc[tuple(row[name] for name in ROW)]
         lines.append(
             [
                 _agent(row["algo"], not row["fixed"])
@@ -192,7 +192,7 @@ def _cell(rows: pd.DataFrame) -> str:
 
 
 def _unseen(table: pd.DataFrame) -> str:
-    """Return the table of agents trained on one phantom and on many, on phantoms that none has seen."""
+    """Return the table of agents trained on one phantom and on many, tested on unseen phantoms."""
     rows = [
         [
             _agent(row["agent"], learns=True),

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from usbench.results import stats
-from usbench.results.tables import DRAWN, EXPLORATION, GREEDY, MEANS, TRAINING, Results
+from usbench.results.tables import EXPLORATION, GREEDY, MEANS, SAMPLED, TRAINING, Results
 from usbench.tasks import PAPER
 
 SCORED = GREEDY
@@ -86,9 +86,9 @@ def cells(results: Results) -> pd.DataFrame:
     curves = curves.merge(results.trials[["trial", "training_s"]], on="trial")
     rows = []
     for row, trials in results.trials.groupby(ROW):
-        for kind in (GREEDY, DRAWN):
+        for kind in (GREEDY, SAMPLED):
             own = curves[curves["trial"].isin(trials["trial"]) & (curves["kind"] == kind)]
-            if kind == DRAWN and value_based(trials).any():
+            if kind == SAMPLED and value_based(trials).any():
                 own = own[:0]
             last = own.groupby("trial").tail(1)
             steps = int(trials["steps"].iloc[0])

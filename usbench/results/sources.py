@@ -45,6 +45,4 @@ def gather(paths: Sequence[Path]) -> Results:
 
 def _only(known: Results, names: set[str] | None) -> Results:
     """Return the results of some trials, of all for None."""
-    if names is None:
-        return known
-    return Results(*(table[table["trial"].isin(names)] for table in (known.trials, known.curves)))
+    return known if names is None else known.of(known.trials[known.trials["trial"].isin(names)])

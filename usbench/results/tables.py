@@ -1,9 +1,9 @@
 """The small record of a comparison: two tables from which the leaderboard and every figure are made.
 
 `trials.csv` has one row per trial, finished or not. `curves.csv` has the means over episodes of the finished
-ones, one row per kind of episode and training step: evaluations at every checkpoint, with drawn and with
-greedy (most probable) actions, and training in fiftieths of the budget. `trained` is how many steps the agent
-had learned from by then: whole rollouts. Both open with `pandas.read_csv`.
+ones, one row per kind of episode and training step: evaluations at every evaluation point, with sampled
+actions ("drawn" in the table) and with greedy ones, and training in fiftieths of the budget. `trained` is how
+many steps the agent had learned from by then: whole rollouts. Both open with `pandas.read_csv`.
 """
 
 import hashlib
@@ -23,8 +23,8 @@ from usbench.tasks import row_of
 
 TRIALS, CURVES = "trials.csv", "curves.csv"
 ORDER = ["task", "noise", "algo", "configuration", "seed"]
-TRAINING, DRAWN, GREEDY = "training", "drawn", "greedy"
-KINDS = (TRAINING, DRAWN, GREEDY)
+TRAINING, SAMPLED, GREEDY = "training", "drawn", "greedy"
+KINDS = (TRAINING, SAMPLED, GREEDY)
 TRAINING_PARTS = 50
 # The hyperparameter of this package's value-based agents by which they explore.
 EXPLORATION = "exploration_final_eps"
@@ -238,7 +238,7 @@ def _curves(trial: Trial) -> pd.DataFrame:
     evaluations, steps = trial.evaluations(), trial.config.steps
     if evaluations.empty or evaluations["checkpoint"].max() != steps:
         raise ValueError(f"{trial.name} is finished, but its evaluation at step {steps} is missing.")
-    kinds = evaluations["deterministic"].map({False: DRAWN, True: GREEDY})
+    kinds = evaluations["deterministic"].map({False: SAMPLED, True: GREEDY})
     longest = row_of(trial.config.task).n_steps
     parts = [_means(evaluations, kinds, evaluations["checkpoint"], evaluations["step"], longest)]
     episodes = trial.episodes()
