@@ -13,8 +13,12 @@ from state_files import read_state, write_state
 
 from usbench import cli, records
 from usbench.envs import guidance
+from usbench.envs.bmode import Imaging
+from usbench.envs.probe import LinearArray
 from usbench.records import ConfigurationError
 from usbench.report import page, text
+from usbench.trials import runner
+from usbench.trials.configuration import resolve
 
 SECTIONS = {
     "leaderboard", "learning", "comparison", "paper", "agents", "look-alikes", "endings", "configuration",
@@ -124,6 +128,19 @@ def test_weights_that_cannot_be_opened_are_told_without_the_place(runs, without_
     (trial / records.MODEL).write_bytes(b"no archive")
     text = made(runs, tmp_path)
     assert "No map of its actions:" in text and str(tmp_path) not in text
+
+
+def test_a_trial_with_another_probe_and_imaging_is_replayed_without_a_map(
+    quick, monkeypatch, without_figures, tmp_path
+):
+    monkeypatch.setattr("usbench.report.poses.frame_store", guidance.frame_store)
+    imaging = Imaging(height_px=128, width_px=128)
+    config = resolve("vpg", "pp", steps=64, probe=LinearArray(n_lines=96), imaging=imaging)
+    runner.run_trial(config, tmp_path / "runs")
+    content = made(tmp_path / "runs", tmp_path)
+    assert "Replay, moving." in content
+    assert "No map of its actions: maps are made for the task&#39;s own probe and imaging" in content
+    assert "width_px</th><td>128" in content
 
 
 def test_trials_that_are_not_finished_are_named_and_strangers_words_are_only_words(

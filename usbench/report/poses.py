@@ -47,18 +47,16 @@ class Poses:
 
 
 def silence(setting: Setting) -> str:
-    """Return why there is no map of the actions in a setting, in a sentence; empty where there is one."""
+    """Return why there is no map of actions in a setting, as the end of a sentence; empty if there is one."""
     if setting.row.phantoms:
-        return "There is no map of actions: what is seen from a pose is another frame in every phantom."
+        return "every phantom shows another frame in the same pose."
     if len(state_map.coordinates(setting.guidance)) > 1:
-        return "There is no map of actions: a page has two dimensions, and this task's poses have three."
+        return "a map has two dimensions, and the poses of this task have more."
     if setting.anatomy is not None:
-        return (
-            "There is no map of actions: it would be that of the paper's phantom, not of this custom anatomy."
-        )
+        return "maps are made for the task's own phantom, not for a custom anatomy."
     own = Setting(task=setting.task)
     if (setting.probe, setting.imaging) != (own.probe, own.imaging):
-        return "There is no map of actions: it would be that of the task's own probe and imaging."
+        return "maps are made for the task's own probe and imaging, and this trial has others."
     return ""
 
 

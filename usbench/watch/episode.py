@@ -28,6 +28,6 @@ def optimum(setting: Setting, seed: int, options: Mapping[str, int] | None = Non
     return (*returns, *[returns[-1]] * (plan.task.n_steps + 1 - len(returns)))
 
 
-def slip(noise: Mapping[str, Any]) -> str:
-    """Return what `info["noise"]` did in words, empty if nothing; what the border blocked moved nothing."""
-    return ", ".join(BY_NAME[name].change_in_words(change) for name, change in noise.items() if change)
+def slip(displaced: Mapping[str, Any]) -> str:
+    """Return in words by how much noise has changed each coordinate, `info["noise"]`; empty if by nothing."""
+    return ", ".join(BY_NAME[name].change_in_words(change) for name, change in displaced.items() if change)
