@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 ALGO ?= ppo
 STAMP := $(VENV)/.installed
 
-.PHONY: help run test test-faults slow lint format typecheck bench-sim bench-train compare leaderboard search figures failures scores docs clean
+.PHONY: help run test test-extras test-faults slow lint format typecheck bench-sim bench-train compare leaderboard search figures failures scores docs clean
 .DEFAULT_GOAL := help
 
 help:  ## show the jobs
@@ -22,6 +22,11 @@ run: $(STAMP)  ## train the paper's agent on the probe-plane task and show what 
 # A process per core, so a thread per process: with more they wait for each other.
 test: $(STAMP)  ## run the tests (without the slow ones)
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m "not slow and not faults" -n auto --dist worksteal
+
+# Tests of these are skipped without them.
+test-extras: $(STAMP)  ## install what some tests need beside the package: Weights & Biases, RL Baselines3 Zoo
+	$(BIN)/python -m pip install --disable-pip-version-check --quiet -c constraints.txt -e '.[dev,wandb]'
+	$(BIN)/python -m pip install --disable-pip-version-check --quiet --no-deps -r tests/rl_zoo3.txt
 
 slow: $(STAMP)  ## run the slow tests (learning, timing)
 	$(BIN)/python -m pytest -m slow

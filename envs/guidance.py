@@ -167,7 +167,7 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
 
     def _observation(self) -> npt.NDArray[np.uint8]:
         if not self.is_watched:
-            return np.zeros(self.observation_space.shape, np.uint8)
+            return np.zeros((self.imaging.height_px, self.imaging.width_px, 1), np.uint8)
         return self._frame(self.pose)[:, :, np.newaxis].copy()
 
     @property
