@@ -17,7 +17,7 @@ PHYSICS = ("pose", "phantom", "probe", "rf", "bmode", "scanner", "frames")
 READERS = (
     "usbench.records", "usbench.figures.learning_curve", "usbench.figures.plots",
     "usbench.results.leaderboard", "usbench.watch.replay", "usbench.watch.terminal",
-    "usbench.report.page", "usbench.cli.console", "usbench.cli",
+    "usbench.report.page", "usbench.cli.output.trial_output", "usbench.cli",
 )  # fmt: skip
 LEARNING = {"gymnasium", "torch", "stable_baselines3"}
 # What all of usbench stands on.

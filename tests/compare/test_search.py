@@ -9,7 +9,7 @@ from usbench import records, suite
 from usbench.agents import zoo
 from usbench.agents.hyperparameters import check
 from usbench.agents.search_space import SPACES, Choice, Log
-from usbench.cli import sweep_progress
+from usbench.cli.output import sweep_output
 from usbench.compare import plan, search, sweep
 from usbench.trials import runner
 from usbench.trials.configuration import resolve
@@ -96,7 +96,7 @@ def test_search_tries_the_defaults_first_and_ranks_what_it_tried(quick, tmp_path
 
 
 def test_every_batch_is_counted_from_one(capsys):
-    with sweep_progress.SweepBars() as bars:
+    with sweep_output.SweepBars() as bars:
         for _ in range(2):
             bars.started(1, 0, None)
             bars.ended(sweep.Outcome(resolve("a2c", "pp", steps=32), None))

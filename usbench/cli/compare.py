@@ -75,7 +75,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
 
 def _call(args: argparse.Namespace) -> None:
     """Run what is missing of a comparison, then write its leaderboard and figures."""
-    from usbench.cli import sweep_progress
+    from usbench.cli.output import sweep_output
     from usbench.compare import plan, runs
     from usbench.results import leaderboard
 
@@ -84,7 +84,7 @@ def _call(args: argparse.Namespace) -> None:
     leaderboard.prepare(args.leaderboard)
     outcomes = [] if args.report_only else _run_missing(args, planned, jobs)
     # First: damaged records make no leaderboard.
-    failed = sweep_progress.failures(outcomes)
+    failed = sweep_output.failures(outcomes)
     for line in failed:
         print(line, file=sys.stderr)
     for path in runs.report(planned, args.out, args.leaderboard):
@@ -96,11 +96,11 @@ def _call(args: argparse.Namespace) -> None:
 
 
 def _run_missing(args: argparse.Namespace, planned: list[TrialConfig], jobs: int | None) -> list[Outcome]:
-    from usbench.cli import sweep_progress
+    from usbench.cli.output import sweep_output
     from usbench.compare import sweep
     from usbench.envs.threads import n_threads
 
-    with sweep_progress.SweepBars(args.quiet) as bars:
+    with sweep_output.SweepBars(args.quiet) as bars:
         if args.cluster is None:
             return sweep.run(planned, args.out, bars, jobs=jobs or n_threads())
         from usbench.compare.dask_cluster import Cluster

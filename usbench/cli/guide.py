@@ -46,7 +46,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
 
 def _call(args: argparse.Namespace) -> None:
     """Serve the page on which a person moves the probe, until Ctrl-C."""
-    from usbench.cli import console
+    from usbench.cli.output import trial_output
     from usbench.guide import server
     from usbench.guide.session import Session
     from usbench.tasks import PAPER
@@ -54,7 +54,7 @@ def _call(args: argparse.Namespace) -> None:
     with server.listening(args.port) as listener:
         own = {"task": args.task, "noise": args.noise, **probe_and_imaging(args)}
         session = Session(args.runs, args.trial, seed=args.seed, **own)
-        bars = console.Bars()
+        bars = trial_output.Bars()
         # Of other tasks there are thousands: they are simulated as the probe moves.
         for task in sorted({*session.tasks} & {*PAPER}):
             replace(session.setting, task=task).prepare_frames(bars.frames)

@@ -84,13 +84,13 @@ def _call(args: argparse.Namespace) -> None:
         overrides=dict(args.set),
     )
     # Now, as these take seconds: what is refused has been refused.
-    from usbench.cli import console
+    from usbench.cli.output import trial_output
     from usbench.figures import learning_curve
     from usbench.records import Trial
     from usbench.trials import callback, runner, wandb_run
     from usbench.watch import replay
 
-    progress: callback.Progress = callback.Silent() if args.quiet else console.Bars()
+    progress: callback.Progress = callback.Silent() if args.quiet else trial_output.Bars()
     folder = args.out / config.folder_name
     trial = Trial.find(folder)
     follow = args.wandb and (args.overwrite or trial is None or trial.status != "finished")
@@ -109,4 +109,4 @@ def _call(args: argparse.Namespace) -> None:
         "learning curve": learning_curve.write(result.folder),
         "replay": replay.write_gif(result.folder),
     }
-    console.print_trial(result.folder, comparison)
+    trial_output.print_trial(result.folder, comparison)

@@ -52,7 +52,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
 
 def _call(args: argparse.Namespace) -> None:
     """Search hyperparameters of one algorithm."""
-    from usbench.cli import sweep_progress
+    from usbench.cli.output import sweep_output
     from usbench.compare import plan, search
     from usbench.envs.threads import n_threads
 
@@ -60,5 +60,5 @@ def _call(args: argparse.Namespace) -> None:
     settings = search.settings_of(args.algo, args.tasks, noise=args.noise, seeds=args.seeds, steps=args.steps)
     n_candidates = plan.positive("candidates", args.candidates)
     n_finalists = 0 if args.finalists is None else plan.positive("finalists", args.finalists)
-    with sweep_progress.SweepBars(args.quiet) as bars:
+    with sweep_output.SweepBars(args.quiet) as bars:
         print(search.run(settings, n_candidates, args.out, bars, n_finalists, jobs=jobs))

@@ -64,15 +64,15 @@ class Settings:
         ]
 
 
-def settings_of(algo: str, tasks: Sequence[str], *, noise: Any, seeds: Any, steps: Any) -> Settings:
-    """Return checked settings.
+def settings_of(algo: str, tasks: Sequence[str], *, seeds: Any, **asked: Any) -> Settings:
+    """Return checked settings; `asked` holds what `resolve` takes: `noise`, `steps`.
 
     Raises:
         ConfigurationError: If a name is unknown or a value is not allowed; one sentence says which.
     """
     if algo not in SPACES:
         raise ConfigurationError(str(unknown("algorithm with a search space", algo, SPACES)))
-    configs = [resolve(algo, task, noise=noise, steps=steps) for task in dict.fromkeys(tasks)]
+    configs = [resolve(algo, task, **asked) for task in dict.fromkeys(tasks)]
     if len({config.steps for config in configs}) > 1:
         raise ConfigurationError(
             f"the tasks {', '.join(tasks)} have different budgets: say how many steps to train on each."

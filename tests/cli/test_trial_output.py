@@ -2,7 +2,7 @@
 
 import pytest
 
-from usbench.cli import console
+from usbench.cli.output import trial_output
 from usbench.trials.configuration import resolve
 
 
@@ -12,7 +12,7 @@ from usbench.trials.configuration import resolve
     ("setup", ["agent", "return", "normalised\nscore", "success\nrate"]),
 ])  # fmt: skip
 def test_trial_table_has_the_columns_that_say_something_of_the_task(quick, trial_on, task, shown):
-    table = console.trial_table(trial_on(task))
+    table = trial_output.trial_table(trial_on(task))
     assert [column.header for column in table.columns] == shown
     names = ["vpg, stochastic", "vpg, deterministic", "random", "optimal"]
     assert list(table.columns[0].cells) == names
@@ -28,4 +28,4 @@ def test_trial_table_has_the_columns_that_say_something_of_the_task(quick, trial
 ])  # fmt: skip
 def test_steps_that_are_not_learned_from_are_told(algo, steps, said):
     config = resolve(algo, "pp", steps=steps)
-    assert console.not_learned(config) == said
+    assert trial_output.not_learned(config) == said
