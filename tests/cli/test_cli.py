@@ -62,8 +62,8 @@ def test_incomplete_command_lines_are_refused(capsys, argv, said):
 
 def test_output_folder_that_cannot_be_written_is_refused(capsys, tmp_path, quick):
     (tmp_path / "file").write_text("")
-    assert "--out" in refusal(capsys, *RUN, "--out", str(tmp_path / "file"))
-    assert "--out" in refusal(capsys, *RUN, "--out", str(tmp_path / "file" / "below"))
+    assert "choose another folder" in refusal(capsys, *RUN, "--out", str(tmp_path / "file"))
+    assert "choose another folder" in refusal(capsys, *RUN, "--out", str(tmp_path / "file" / "below"))
 
 
 def test_trial_from_end_to_end_and_once_more(capsys, tmp_path, quick):
