@@ -9,7 +9,7 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from types import MappingProxyType
 
-from usbench.checks import ConfigurationError
+from usbench.checks import ConfigurationError, unknown
 
 # Of entry points: name of a task -> "module:name" of its `Row`.
 GROUP = "usbench.tasks"
@@ -116,8 +116,15 @@ def rows() -> Mapping[str, Row]:
 
 
 def row_of(task: str) -> Row:
-    """Return the row of a task; KeyError if there is none of that name."""
-    return rows()[task]
+    """Return the row of a task.
+
+    Raises:
+        ValueError: If there is none of that name, as where the package that brings it is not installed.
+    """
+    found = rows()
+    if task not in found:
+        raise unknown("task", task, found)
+    return found[task]
 
 
 def _load(point: EntryPoint) -> Row:

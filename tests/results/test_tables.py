@@ -224,6 +224,12 @@ def test_missing_last_evaluation_is_refused(tmp_path):
         tables.collect(tmp_path)
 
 
+def test_trial_on_a_task_that_is_not_installed_is_refused(tmp_path):
+    write_trial(tmp_path, config(task="elsewhere"))
+    with pytest.raises(ValueError, match="unknown task 'elsewhere': allowed are 'fp'"):
+        tables.collect(tmp_path)
+
+
 def test_same_trial_in_two_folders_is_refused(tmp_path):
     folder = write_trial(tmp_path, config())
     (tmp_path / "copy").mkdir()

@@ -6,7 +6,7 @@ from typing import Any
 
 from gymnasium.envs.registration import load_env_creator
 
-from usbench.checks import unknown, whole_number
+from usbench.checks import whole_number
 from usbench.envs.bmode import DEFAULT_IMAGING, Imaging
 from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Pose
@@ -128,8 +128,6 @@ def phantom_of(task: str | None, number: Any = None) -> Phantom:
         ConfigurationError: If there is no such task or number, or the task has one phantom alone.
     """
     try:
-        if task is not None and task not in rows():
-            raise unknown("task", task, rows())
         environment: Any = load_env_creator(row_of(task or PAPER[0]).entry_point)
         if issubclass(environment, RandomPhantomEnv):
             phantoms: PhantomDistribution = environment.distribution
