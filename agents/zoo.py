@@ -197,10 +197,10 @@ def entry(algo: str) -> Entry:
         return ZOO[algo]
     registered = plugins.registered()
     place = registered.get(algo, algo)
-    if ":" not in place:
-        raise unknown("algorithm", algo, [*ZOO, *registered])
-    found = plugins.load(place)
-    return found if isinstance(found, Entry) else _row(place, found)
+    if ":" in place:
+        found = plugins.load(place)
+        return found if isinstance(found, Entry) else _row(place, found)
+    raise unknown("algorithm", algo, [*ZOO, *registered])
 
 
 def _row(place: str, found: Any) -> Entry:
@@ -230,13 +230,14 @@ def hyperparameters(
         ValueError: unknown algorithm, preset or hyperparameter (says the closest), or a value out of range.
     """
     row = entry(algo)
+    merged = {**row.hyperparameters, **row.tasks.get(task, {}), **row.presets.get(preset or "", {})}
+    for name, value in (overrides or {}).items():
+        if name in row.hyperparameters and name in RANGES:
+            merged[name] = parse(name, value) if isinstance(value, str) else check(name, value)
+        else:
+            raise unknown(f"hyperparameter of {algo}", name, sorted(row.hyperparameters.keys() & RANGES))
     if preset is not None and preset not in row.presets:
         raise unknown(f"preset of {algo}", preset, row.presets)
-    merged = {**row.hyperparameters, **row.tasks.get(task, {}), **(row.presets[preset] if preset else {})}
-    for name, value in (overrides or {}).items():
-        if name not in row.hyperparameters or name not in RANGES:
-            raise unknown(f"hyperparameter of {algo}", name, sorted(row.hyperparameters.keys() & RANGES))
-        merged[name] = parse(name, value) if isinstance(value, str) else check(name, value)
     if merged.get("n_steps", 0) % merged.get("batch_size", 1):
         raise ValueError(
             f"n_steps must be a multiple of batch_size, which {merged['n_steps']} is not "

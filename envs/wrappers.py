@@ -32,8 +32,8 @@ class ImageStack(
         """Check the arguments and set the observation space."""
         gym.utils.RecordConstructorArgs.__init__(self, n_frames=n_frames)
         gym.Wrapper.__init__(self, env)
-        self.n_frames = whole_number("n_frames", n_frames, low=1)
         space = _image_space("ImageStack", env)
+        self.n_frames = whole_number("n_frames", n_frames, low=1)
         low, high = (np.tile(bound, self.n_frames) for bound in (space.low, space.high))
         self.observation_space = gym.spaces.Box(low, high, dtype=np.uint8)
         self._frames: deque[npt.NDArray[np.uint8]] = deque(maxlen=self.n_frames)

@@ -15,7 +15,7 @@ from usbench.compare import sweep
 from usbench.records import Trial
 from usbench.trials import runner
 from usbench.trials.configuration import resolve
-from usbench.trials.finished import is_finished
+from usbench.trials.finished import find_finished
 
 
 class Notes:
@@ -115,7 +115,7 @@ def test_every_changed_digit_of_a_record_is_noticed(finished):
         except ValueError as refused:
             assert str(refused).startswith(str(path))
     path.write_text(text)
-    assert is_finished(config(), finished.parent)
+    assert find_finished(config(), finished.parent)
 
 
 @pytest.mark.parametrize("damage", [halve, empty, change, remove])
@@ -134,9 +134,9 @@ def test_changed_weights_are_noticed(finished):
     for where in range(start, start + 40_000, 4999):
         path.write_bytes(whole[:where] + bytes([whole[where] ^ 1]) + whole[where + 1 :])
         with pytest.raises(ValueError, match=r"model\.zip is damaged"):
-            is_finished(config(), finished.parent)
+            find_finished(config(), finished.parent)
     path.write_bytes(whole)
-    assert is_finished(config(), finished.parent)
+    assert find_finished(config(), finished.parent)
 
 
 def test_agents_that_do_not_learn_have_models_too(quick, tmp_path):
@@ -195,7 +195,7 @@ def test_names_in_a_record_lead_nowhere_else(finished, name):
     for read in (
         lambda: Trial.read(finished),
         lambda: records.load(finished),
-        lambda: is_finished(config(), finished.parent),
+        lambda: find_finished(config(), finished.parent),
     ):
         with pytest.raises(ValueError, match="its checksums.* cannot be"):
             read()

@@ -12,7 +12,7 @@ import trials
 from trials import ENDED_AT, FIRST_TOLD, Killed, Until, ended, go_on
 
 from usbench import records
-from usbench.records import ConfigurationError
+from usbench.records import ConfigurationError, checksums
 from usbench.trials import learning, resume_files, runner
 
 _KILLED = []
@@ -127,7 +127,7 @@ def test_lines_after_the_checkpoint_are_taken_away(undisturbed, killed):
 def test_checkpoint_of_other_circumstances_is_not_gone_on_from(killed, caplog, monkeypatch):
     monkeypatch.setattr(learning, "machine", lambda: {"processor": "abacus"})
     monkeypatch.setattr(runner, "version", lambda _: "0.0.1")
-    monkeypatch.setattr(learning, "source_digest", lambda _: "edited")
+    monkeypatch.setattr(checksums, "of_source", lambda _: "edited")
     assert go_on(killed) == FIRST_TOLD
     assert "differs in versions and processor and code" in caplog.text
 

@@ -22,7 +22,7 @@ from usbench.agents.zoo import entry
 from usbench.records import ConfigurationError, Trial, TrialConfig
 from usbench.setting import Setting
 from usbench.trials import runner
-from usbench.trials.finished import is_finished
+from usbench.trials.finished import find_finished
 from usbench.trials.resume_files import ResumeFiles
 
 RETRIES = 2
@@ -217,7 +217,7 @@ def _stoppable() -> Iterator[None]:
 def _known(config: TrialConfig, out: Path) -> Outcome | None:
     """Return how a trial ended before: finished, or damaged since then; None if it is to be run."""
     try:
-        return Outcome(config, None) if is_finished(config, out) else None
+        return None if find_finished(config, out) is None else Outcome(config, None)
     except ValueError as error:
         return Outcome(config, str(error))
 

@@ -1,6 +1,7 @@
 """Checksums of records, so that what was damaged after a trial is not taken for what it wrote."""
 
 import hashlib
+import inspect
 import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -18,6 +19,14 @@ def of(folder: Path, names: Iterable[str]) -> dict[str, str]:
 def of_state(state: Mapping[str, Any]) -> str:
     """Return the SHA-256 of what stands in `trial.json`, as JSON gives it back, whatever its layout."""
     return hashlib.sha256(json.dumps(state, sort_keys=True).encode()).hexdigest()
+
+
+def of_source(cls: type) -> str:
+    """Return a checksum of the module of `cls`, empty where it has no source: who works on it starts anew."""
+    try:
+        return hashlib.sha256(Path(inspect.getfile(cls)).read_bytes()).hexdigest()
+    except (OSError, TypeError):
+        return ""
 
 
 def check(folder: Path, expected: Mapping[str, str]) -> None:

@@ -9,7 +9,7 @@ import re
 import shutil
 from pathlib import Path
 
-from usbench.atomic import atomic_file
+from usbench.atomic import atomic_file, remove_leftovers
 from usbench.checks import ConfigurationError
 from usbench.records.configuration import TrialConfig
 
@@ -27,6 +27,7 @@ def create(out: Path, config: TrialConfig) -> Path:
     folder = out / config.folder_name
     try:
         out.mkdir(parents=True, exist_ok=True)
+        remove_leftovers(folder)
         if folder.exists() and _has_episodes(folder):
             _put_aside(folder)
         elif folder.exists():

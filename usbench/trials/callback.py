@@ -130,11 +130,12 @@ class TrainingWatch(BaseCallback):
         self._due = self._due[len(reached) :]
         logged = self._steps > 0 and hasattr(agent, "logger")
         start = time.perf_counter()
+        rows = []
         for deterministic in (False, True):
             played = self._evaluator.play(
                 agent, checkpoint=reached[-1], step=step, deterministic=deterministic
             )
-            self._evaluations.append(episode.as_row() for episode in played)
+            rows += [episode.as_row() for episode in played]
             mean = sum(episode.return_ for episode in played) / len(played)
             if logged:
                 mode = "deterministic" if deterministic else "stochastic"
@@ -146,6 +147,7 @@ class TrainingWatch(BaseCallback):
             tensorboard.evaluated(agent, played)
         if logged:
             agent.logger.dump(step)
+        self._evaluations.append(rows)
         self.seconds += time.perf_counter() - start
 
     def _on_training_start(self) -> None:

@@ -8,8 +8,8 @@ from usbench.agents import zoo
 from usbench.records import Trial, TrialConfig, checksums
 
 
-def is_finished(config: TrialConfig, out: Path) -> bool:
-    """Return whether a trial is finished in the folder `out`.
+def find_finished(config: TrialConfig, out: Path) -> Trial | None:
+    """Return the trial in the folder `out` if it is finished, else None.
 
     TensorBoard's events are not looked at: nothing is made from them.
 
@@ -21,7 +21,7 @@ def is_finished(config: TrialConfig, out: Path) -> bool:
     model_is_whole = config.algo not in zoo.ZOO or _is_whole_zip(folder / records.MODEL)
     trial = Trial.find(folder)
     if trial is None or trial.status != "finished":
-        return False
+        return None
     checksums.check(folder, trial.checksums)
     for name, is_whole in (
         (records.TRIAL, trial.config.hash == config.hash),
@@ -29,7 +29,7 @@ def is_finished(config: TrialConfig, out: Path) -> bool:
     ):
         if not is_whole:
             raise checksums.damaged(folder / name)
-    return True
+    return trial
 
 
 def _is_whole_zip(path: Path) -> bool:

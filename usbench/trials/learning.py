@@ -1,8 +1,6 @@
 """One training, made anew or as a resume file has it: agent, environment, and what watches them."""
 
 import contextlib
-import hashlib
-import inspect
 import logging
 import threading
 from collections.abc import Iterator, Mapping
@@ -17,7 +15,7 @@ from stable_baselines3.common.logger import Logger, configure
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from usbench.agents import model_state, zoo
-from usbench.records import EPISODES, EVALUATIONS, Trial
+from usbench.records import EPISODES, EVALUATIONS, Trial, checksums
 from usbench.records.journal import Journal
 from usbench.setting import Setting
 from usbench.trials import interruption
@@ -96,7 +94,7 @@ class Learning:
             "frames": asdict(trial.frames) if trial.frames else {},
             **machine(),
             "configuration": config.hash,
-            "code": source_digest(type(self.agent)),
+            "code": checksums.of_source(type(self.agent)),
         }
 
     def put_back(self, content: Mapping[str, Any]) -> None:
@@ -205,11 +203,3 @@ def heard_once() -> Iterator[None]:
 def machine() -> dict[str, Any]:
     """Return what of this machine decides the bits of a training, beside the versions of packages."""
     return {"processor": torch.backends.cpu.get_cpu_capability()}
-
-
-def source_digest(cls: type) -> str:
-    """Return a checksum of the module of `cls`, empty where it has no source: who works on it starts anew."""
-    try:
-        return hashlib.sha256(Path(inspect.getfile(cls)).read_bytes()).hexdigest()
-    except (OSError, TypeError):
-        return ""

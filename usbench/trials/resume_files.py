@@ -90,7 +90,8 @@ class ResumeFiles:
 
     def go_on_from(self, path: Path) -> None:
         """Remove those newer than `path`, which could not be used, and what killed writers left."""
-        remove_leftovers(self._folder)
+        for folder in (self._folder.parent, self._folder):
+            remove_leftovers(folder)
         for newer in self.paths()[: self.paths().index(path)]:
             newer.unlink()
 

@@ -17,15 +17,15 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 
 from usbench import records, suite
 from usbench.agents import zoo
-from usbench.atomic import atomic_path, remove_leftovers
+from usbench.atomic import atomic_path
 from usbench.records import Trial, TrialConfig, checksums
 from usbench.setting import Setting
 from usbench.trials.callback import Progress, Silent
 from usbench.trials.configuration import PACKAGES
 from usbench.trials.evaluation import Evaluator, explores
-from usbench.trials.finished import is_finished
+from usbench.trials.finished import find_finished
 from usbench.trials.glibc_memory import keep_freed
-from usbench.trials.learning import Learning, heard_once, make_agent, source_digest
+from usbench.trials.learning import Learning, heard_once, make_agent
 from usbench.trials.lock import locked
 from usbench.trials.resume_files import ResumeFiles, interval
 from usbench.trials.stopwatch import Stopwatch
@@ -68,36 +68,34 @@ def run_trial(
         TrialError: If anything goes wrong while running; the status is then "failed" with the reason.
         ValueError: If the records of the trial in `out` are damaged.
     """
-    folder = out / config.folder_name
-    seconds = interval()
-    if not overwrite and is_finished(config, out):
-        return _skipped(config, folder)
-    with contextlib.ExitStack() as held:
-        try:
-            held.enter_context(locked(folder))
-        except OSError as error:
-            raise records.unwritable(out, error) from error
-        # Again: another process may have finished it meanwhile.
-        if not overwrite and is_finished(config, out):
-            return _skipped(config, folder)
-        # One thread per trial: as fast on frames of this size, and the bits do not depend on the machine.
-        torch.set_num_threads(1)
-        keep_freed()
-        resume_files = ResumeFiles(folder, seconds)
-        running = _Run(config, out, resume_files, progress or Silent())
-        running.run(anew=overwrite)
+    folder, seconds = out / config.folder_name, interval()
+    finished = None if overwrite else find_finished(config, out)
+    if finished is None:
+        with contextlib.ExitStack() as held:
+            try:
+                held.enter_context(locked(folder))
+            except OSError as error:
+                raise records.unwritable(out, error) from error
+            # Again: another process may have finished it meanwhile.
+            finished = None if overwrite else find_finished(config, out)
+            if finished is None:
+                _run(config, out, ResumeFiles(folder, seconds), progress or Silent(), anew=overwrite)
+    # Trials of earlier versions have recorded no code.
+    codes = ("", checksums.of_source(zoo.model_class(config.algo)))
+    return Result(folder, finished is not None, finished is not None and finished.code not in codes)
+
+
+def _run(
+    config: TrialConfig, out: Path, resume_files: ResumeFiles, progress: Progress, *, anew: bool
+) -> None:
+    # One thread per trial: as fast on frames of this size, and the bits do not depend on the machine.
+    torch.set_num_threads(1)
+    keep_freed()
+    running = _Run(config, out, resume_files, progress)
+    running.run(anew=anew)
     # Models and environments hold each other: without this, the memory of a worker grows from trial to trial.
     del running
     gc.collect()
-    return Result(folder, skipped=False)
-
-
-def _skipped(config: TrialConfig, folder: Path) -> Result:
-    ResumeFiles(folder, 0.0).clear()  # of a process that was killed in its last moment
-    recorded = Trial.read(folder).code
-    # Trials of earlier versions have recorded none.
-    other = recorded not in ("", source_digest(zoo.model_class(config.algo)))
-    return Result(folder, skipped=True, has_other_code=other)
 
 
 class _Run:
@@ -123,18 +121,13 @@ class _Run:
             versions={"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
             platform=platform.platform(),
             started=datetime.now(UTC).isoformat(timespec="seconds"),
-            code=source_digest(zoo.model_class(config.algo)),
+            code=checksums.of_source(zoo.model_class(config.algo)),
         )
 
     def run(self, *, anew: bool) -> None:
         """Do everything, and leave the true status behind whatever happens."""
         goes_on = not anew and bool(self.resume_files.paths())
-        remove_leftovers(self.folder)
-        before = Trial.find(self.folder)
-        if not goes_on:
-            self._create(before)
-        elif before is not None:
-            self.trial = replace(self.trial, started=before.started)
+        self._open_folder(goes_on)
         try:
             self._write()
             with self.stopwatch.timed("total_s"):
@@ -153,7 +146,13 @@ class _Run:
             raise TrialError(f"the trial in {str(self.folder)!r} failed: {reason}") from error
         self.resume_files.clear()
 
-    def _create(self, before: Trial | None) -> None:
+    def _open_folder(self, goes_on: bool) -> None:
+        """Make the folder, or take what its trial has recorded of its start."""
+        before = Trial.find(self.folder)
+        if goes_on and before is not None:
+            self.trial = replace(self.trial, started=before.started)
+        if goes_on:
+            return
         if before is not None and before.status != "finished":
             log.warning("no resume file of the trial %s is of use: it starts from step 0", self.folder.name)
         records.create(self.out, self.config)
@@ -179,7 +178,7 @@ class _Run:
                 self._learn(learning)
                 return
         if goes_on:
-            self._create(Trial.find(self.folder))
+            self._open_folder(goes_on=False)
             self._write()
         with contextlib.closing(self._learning()) as learning:
             self._learn(learning)
