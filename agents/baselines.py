@@ -10,7 +10,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
-from usbench.agents.hyperparameters import check_seed
+from usbench.checks import check_seed
 from usbench.coordinates import POSE, TARGET
 
 Actions = np.ndarray[Any, np.dtype[np.int64]]

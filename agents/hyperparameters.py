@@ -126,8 +126,3 @@ def check(name: str, value: object) -> Value:
 def parse(name: str, text: str) -> Value:
     """The hyperparameter `name` written as `text`, as on a command line; raises as `check` does."""
     return check(name, RANGES[name].parse(text))
-
-
-def check_seed(seed: object) -> int:
-    """`seed` as int; TypeError or ValueError unless it is a whole number that NumPy and torch take."""
-    return Whole(0, 2**32 - 1).check("seed", seed)

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from usbench.agents import plugins
-from usbench.agents.hyperparameters import RANGES, Value, check, check_seed, parse
-from usbench.checks import unknown
+from usbench.agents.hyperparameters import RANGES, Value, check, parse
+from usbench.checks import check_seed, unknown
 
 
 @dataclass(frozen=True)
@@ -206,6 +206,7 @@ def entry(algo: str) -> Entry:
 def _row(place: str, found: Any) -> Entry:
     """The row of a bare class: a Stable-Baselines3 algorithm gets the network that all others have."""
     from stable_baselines3.common.base_class import BaseAlgorithm
+    from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
     from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
     if not isinstance(found, type) or not all(
@@ -215,7 +216,9 @@ def _row(place: str, found: Any) -> Entry:
     if not issubclass(found, BaseAlgorithm):
         return Entry(cls=place)
     network = SEPARATE if issubclass(found, OnPolicyAlgorithm) else TRUNK
-    return Entry(cls=place, policy="MlpPolicy", policy_kwargs=network | RUNNING)
+    # Stable-Baselines3's own replay buffer would take 54 GB for a million steps.
+    replay = REPLAY if issubclass(found, OffPolicyAlgorithm) else {}
+    return Entry(cls=place, policy="MlpPolicy", policy_kwargs=network | RUNNING, kwargs=replay)
 
 
 def hyperparameters(

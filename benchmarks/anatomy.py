@@ -8,7 +8,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from usbench.cli import phantom
+from usbench.cli.phantom import custom_anatomy
 from usbench.envs.anatomy import Anatomy
 from usbench.envs.bmode import DEFAULT_IMAGING
 from usbench.envs.frames import frame_store
@@ -50,7 +50,7 @@ def main() -> None:
     for kind in ("recorded", "simulated"):
         simulated = ("seed=", "density_per_mm3=", "dynamic_range_db=")
         words = [word for word in args.phantom if kind == "simulated" or not word.startswith(simulated)]
-        found = phantom.asked([*words, f"frames={kind}"], looking=True)
+        found = custom_anatomy([*words, f"frames={kind}"], looking=True)
         assert found is not None
         rows[kind] = found
     poses = [Pose(x, args.depth, angle) for x in args.x for angle in args.angles]

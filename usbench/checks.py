@@ -86,6 +86,16 @@ def whole_number(name: str, value: Any, low: float = -math.inf, high: float = ma
     return int(found)
 
 
+def check_seed(seed: object) -> int:
+    """Return `seed` as an int that NumPy and torch take; errors are those of `whole_number`.
+
+    A float is none, even a whole one: in a record it would give the trial another name.
+    """
+    if isinstance(seed, float):
+        raise TypeError(_refused("seed", seed, whole_interval(0, 2**32 - 1)))
+    return whole_number("seed", seed, 0, 2**32 - 1)
+
+
 def interval(low: float, high: float, *, above: bool = False, below: bool = False) -> str:
     """Return in words which numbers `number` allows."""
     if math.isinf(low) and math.isinf(high):

@@ -148,12 +148,15 @@ class Setting:
             **own,
         )
 
-    def anchors(self) -> Anchors:
+    def anchors(self, report: Report | None = None) -> Anchors:
         """Return the exact expected returns of an evaluation episode.
 
         They are the mean over the evaluation list of what each episode's phantom and start promise. Where
-        every start is in the list and there is one phantom, that is the mean over the starts.
+        every start is in the list and there is one phantom, that is the mean over the starts. `report` is
+        told of frames that have to be simulated where rewards are computed from them.
         """
+        if self.guidance.reward_from_frames:
+            self.prepare_frames(report)
         phantoms, starts = self.evaluation_phantoms(), defaultdict(list)
         if not self.row.phantoms and not self.row.drawn_starts:
             return self.process(phantoms[0].target).returns()

@@ -73,7 +73,7 @@ def test_trial_from_end_to_end_and_once_more(capsys, tmp_path, quick):
     (folder,) = records.trial_folders(tmp_path)
     anchors = records.Trial.read(folder).anchors
     returns = [f"{anchors.optimal:.2f}", f"{anchors.random:.2f}"]
-    for word in ("vpg, stochastic", "vpg, deterministic", "random", "optimal", *returns):
+    for word in ("vpg, sampled", "vpg, greedy", "random", "optimal", *returns):
         assert word in captured.out
     for path in (folder, folder / "learning_curve.png", folder / "replay.gif"):
         assert f"{path}\n" in captured.out and path.exists()

@@ -14,7 +14,7 @@ from usbench.trials.configuration import resolve
 def test_trial_table_has_the_columns_that_say_something_of_the_task(quick, trial_on, task, shown):
     table = trial_output.trial_table(trial_on(task))
     assert [column.header for column in table.columns] == shown
-    names = ["vpg, stochastic", "vpg, deterministic", "random", "optimal"]
+    names = ["vpg, sampled", "vpg, greedy", "random", "optimal"]
     assert list(table.columns[0].cells) == names
     assert list(table.columns[2].cells)[2:] == ["0.00", "1.00"]
 

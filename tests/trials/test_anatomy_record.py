@@ -9,7 +9,7 @@ from PIL import Image
 from volumes import block
 
 from usbench import anatomy_record, cli
-from usbench.cli import phantom
+from usbench.cli.phantom import custom_anatomy
 from usbench.envs.anatomy import Echogenicity, Placement, Recording
 from usbench.envs.anatomy.volume_file import read
 from usbench.envs.pose import Pose
@@ -26,7 +26,7 @@ def file(tmp_path_factory):
 
 
 def asked(file, *settings):
-    return phantom.asked([str(file), *TARGET, *settings])
+    return custom_anatomy([str(file), *TARGET, *settings])
 
 
 def refusal(capsys, *argv):
@@ -51,7 +51,7 @@ def test_words_become_an_anatomy(file):
     )
     assert isinstance(simulated, Echogenicity) and simulated.target == Pose(10, 40, 30)
     assert (simulated.seed, simulated.density_per_mm3, simulated.dynamic_range_db) == (3, 0.5, 60.0)
-    assert phantom.asked([]) is None
+    assert custom_anatomy([]) is None
 
 
 @pytest.mark.parametrize("frames", ["simulated", "recorded"])
@@ -157,7 +157,7 @@ def test_a_frame_to_look_around_needs_no_target(capsys, file, tmp_path):
     assert cli.main([*look, "--plain", "--out", str(out)]) == 0
     assert "slice, (90, 40) uint8" in capsys.readouterr().out
     shown = np.asarray(Image.open(out))
-    recording = phantom.asked([str(file), "frames=recorded"], looking=True)
+    recording = custom_anatomy([str(file), "frames=recorded"], looking=True)
     np.testing.assert_array_equal(shown, recording.recorded_frame(Pose(5, 50, 30), (90, 40), 1e-3))
     assert cli.main([*look, "--out", str(tmp_path / "figure.png")]) == 0
     assert "a recorded image has no rf" in refusal(capsys, *look, "--rf")

@@ -11,7 +11,7 @@ from state_files import read_state
 from volumes import block, write
 
 from usbench import anatomy_record, cli, records, suite
-from usbench.cli import phantom
+from usbench.cli.phantom import custom_anatomy
 from usbench.envs import frames, guidance, oracle
 from usbench.envs.anatomy import tissue
 from usbench.envs.pose import Pose
@@ -73,7 +73,7 @@ def file(made):
 
 
 def asked(file, *settings):
-    return phantom.asked([str(file), *TARGET, *settings])
+    return custom_anatomy([str(file), *TARGET, *settings])
 
 
 def resolved(file, *settings):

@@ -6,8 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from usbench.cli import phantom
 from usbench.cli.arguments import add_probe_and_imaging, number, probe_and_imaging
+from usbench.cli.phantom import add_phantom, custom_anatomy
 
 EXAMPLES = """examples:
   usbench frame --x 10 --depth 35 --angle 60
@@ -55,7 +55,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
     kind.add_argument(
         "--envelope", action="store_const", const="envelope", dest="kind", help="envelope of the scan lines"
     )
-    phantom.add(frame)
+    add_phantom(frame)
     add_probe_and_imaging(frame)
     frame.add_argument("--plain", action="store_true", help="the bare pixels, without axes")
     frame.add_argument(
@@ -71,7 +71,7 @@ def _call(args: argparse.Namespace) -> None:
 
     if args.phantom and (args.task, args.number) != (None, None):
         raise ConfigurationError("--phantom is in place of a task's phantom: leave out --task and --number.")
-    tissue = phantom.asked(args.phantom, looking=True) or snapshot_option.phantom_of(args.task, args.number)
+    tissue = custom_anatomy(args.phantom, looking=True) or snapshot_option.phantom_of(args.task, args.number)
     source = snapshot_option.Source(
         tissue, snapshot_option.label(args.task, args.number), **probe_and_imaging(args)
     )

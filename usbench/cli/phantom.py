@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from usbench.envs.anatomy import Anatomy
 
 
-def add(parser: argparse.ArgumentParser, target: str = "") -> None:
-    """Add the option for an anatomy of one's own, with what is to be known of its target."""
+def add_phantom(parser: argparse.ArgumentParser, target: str = "") -> None:
+    """Add the option for a custom anatomy; `target` says what is to be known of its target."""
     parser.add_argument(
         "--phantom",
         nargs="+",
@@ -26,7 +26,7 @@ def add(parser: argparse.ArgumentParser, target: str = "") -> None:
     )
 
 
-def asked(words: Sequence[str], *, looking: bool = False) -> "Anatomy | None":
+def custom_anatomy(words: Sequence[str], *, looking: bool = False) -> "Anatomy | None":
     """Return the anatomy of the option --phantom, None without it; errors are those of `read`."""
     from usbench import anatomy_record
     from usbench.records import ConfigurationError

@@ -7,8 +7,8 @@ import contextlib
 from pathlib import Path
 from typing import Any
 
-from usbench.cli import phantom
 from usbench.cli.arguments import GOES_ON, add_probe_and_imaging, number, probe_and_imaging, setting
+from usbench.cli.phantom import add_phantom, custom_anatomy
 
 EXAMPLES = """examples:
   usbench run --algo vpg --task pp
@@ -45,7 +45,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         help="what is trained on: normalized (default), or image, computed from the frame alone; "
         "scores are those of the true reward",
     )
-    phantom.add(run, "target_x_mm and target_angle_deg or target_focal_depth_mm say where it is seen best")
+    add_phantom(run, "target_x_mm and target_angle_deg or target_focal_depth_mm say where it is seen best")
     add_probe_and_imaging(run)
     run.add_argument("--preset", metavar="NAME", help="named hyperparameters, for example spinup")
     run.add_argument(
@@ -70,7 +70,7 @@ def _call(args: argparse.Namespace) -> None:
     """Train and evaluate one agent on one task."""
     from usbench.trials.configuration import resolve
 
-    examined = {"anatomy": phantom.asked(args.phantom), **probe_and_imaging(args)}
+    examined = {"anatomy": custom_anatomy(args.phantom), **probe_and_imaging(args)}
     config = resolve(
         args.algo,
         args.task,

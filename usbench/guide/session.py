@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from usbench import suite
-from usbench.agents.hyperparameters import check_seed
-from usbench.checks import unknown
+from usbench.checks import check_seed, unknown
 from usbench.guide import agents as guide_agents
 from usbench.guide import view
 from usbench.guide.agents import ORACLE, Known

@@ -16,7 +16,7 @@ from pydantic.dataclasses import dataclass
 from usbench.anchors import Anchors
 from usbench.atomic import atomic_file
 from usbench.checks import ConfigurationError
-from usbench.records import checksums
+from usbench.records.checksums import KEY, check, damaged, of_state
 from usbench.records.configuration import TrialConfig
 from usbench.records.folder import EPISODES, EVALUATIONS, TRIAL, trial_folders
 from usbench.records.journal import read_rows
@@ -106,8 +106,8 @@ class Trial:
         if content.get("schema", SCHEMA) != SCHEMA:
             raise ValueError(f"{path} has schema {content['schema']!r}; this version reads schema {SCHEMA}.")
         # Trials of earlier versions have none.
-        if content.pop(checksums.KEY, None) not in (None, checksums.of_state(content)):
-            raise checksums.damaged(path)
+        if content.pop(KEY, None) not in (None, of_state(content)):
+            raise damaged(path)
         if "config" not in content:  # of a trial that was killed in its first moment
             return None
         try:
@@ -130,7 +130,7 @@ class Trial:
     def write(self) -> None:
         """Write `trial.json`, whole or not at all."""
         content = {"schema": SCHEMA, **json.loads(_ADAPTER.dump_json(self, fallback=str))}
-        content[checksums.KEY] = checksums.of_state(content)
+        content[KEY] = of_state(content)
         with atomic_file(self.folder / TRIAL) as file:
             file.write(json.dumps(content, indent=2, sort_keys=True).encode() + b"\n")
 
@@ -170,7 +170,7 @@ class Trial:
         ]
 
     def _table(self, name: str) -> pd.DataFrame:
-        checksums.check(self.folder, self.checksums)
+        check(self.folder, self.checksums)
         rows = pd.DataFrame(read_rows(self.folder / name))
         return rows if rows.empty else rows.assign(normalized_score=self.anchors.score(rows["return"]))
 

@@ -4,8 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from usbench.agents import zoo
-from usbench.agents.hyperparameters import check_seed
-from usbench.checks import whole_number
+from usbench.checks import check_seed, whole_number
 from usbench.records import ConfigurationError, TrialConfig
 from usbench.setting import Setting
 

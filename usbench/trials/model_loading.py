@@ -19,7 +19,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 
 from usbench import records
 from usbench.agents import plugins, zoo
-from usbench.agents.hyperparameters import check_seed
+from usbench.checks import check_seed
 from usbench.records import ConfigurationError, Trial, TrialConfig
 from usbench.setting import Setting
 from usbench.trials.configuration import resolve

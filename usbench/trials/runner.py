@@ -105,8 +105,6 @@ class _Run:
         self.config, self.out, self.folder = config, out, out / config.folder_name
         self.resume_files, self.progress = resume_files, progress
         self.setting = Setting.recorded(config)
-        if self.setting.guidance.reward_from_frames:
-            self.setting.prepare_frames(progress.frames)  # before the anchors need them, in silence
         self.agent: Any = None
         self.stopwatch = Stopwatch()
         points = suite.evaluation_points(config.task, config.steps)
@@ -115,7 +113,7 @@ class _Run:
             folder=self.folder,
             status="running",
             config=config,
-            anchors=self.setting.anchors(),
+            anchors=self.setting.anchors(progress.frames),
             evaluation_points=points,
             n_evaluation_episodes=n_episodes,
             versions={"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
@@ -162,7 +160,7 @@ class _Run:
             return
         with self.stopwatch.timed("frames_s"):
             frames = self.setting.prepare_frames(self.progress.frames)
-        self._write(frames=frames)
+        self.trial = replace(self.trial, frames=frames)
 
     def _train_and_evaluate(self, goes_on: bool) -> None:
         """Train for exactly the budget; every episode and every evaluation is recorded."""

@@ -90,8 +90,8 @@ def trial_table(folder: Path) -> Table:
     for title, *_ in columns:
         table.add_column(title, justify="right", no_wrap=True)
     shown = {
-        f"{config.algo}, stochastic": records.means(trial.last_evaluation(deterministic=False)),
-        f"{config.algo}, deterministic": records.means(trial.last_evaluation(deterministic=True)),
+        f"{config.algo}, sampled": records.means(trial.last_evaluation(deterministic=False)),
+        f"{config.algo}, greedy": records.means(trial.last_evaluation(deterministic=True)),
         **{name: {**trial.references[name], "return": getattr(anchors, name)} for name in REFERENCES},
     }
     for name, means in shown.items():
