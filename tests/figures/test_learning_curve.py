@@ -22,14 +22,14 @@ def trial(out, evaluations=True, episodes=True):
     write_state(folder, {"status": "finished", "config": dataclasses.asdict(CONFIG), "anchors": anchors})
     with Journal(folder / records.EPISODES) as journal:
         for number in range(4 * episodes):
-            row = Episode(episode=number, step=16 * number + 16, return_=-20.0 + number, **POSES, **REST)
+            row = Episode(episode=number, step=16 * number + 16, return_=-20.0 + number, poses=POSES, **REST)
             journal.append([row.as_row()])
     with Journal(folder / records.EVALUATIONS) as journal:
         for checkpoint in (0, 64) if evaluations else ():
             for deterministic in (False, True):
                 counters = {"episode": 0, "eval_episode": 0, "step": checkpoint, "checkpoint": checkpoint}
                 mode = {"deterministic": deterministic, "actions": ()}
-                row = Evaluation(return_=-20.0, **counters, **mode, **POSES, **REST)
+                row = Evaluation(return_=-20.0, **counters, **mode, poses=POSES, **REST)
                 journal.append([row.as_row()])
     return folder
 

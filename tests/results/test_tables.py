@@ -31,7 +31,7 @@ def facts(return_, distance=5.0, sine=0.5, success=False, to_goal=None):
         "final_sin_angle": sine,
         "is_success": success,
         "steps_to_goal": to_goal,
-        **POSES,
+        "poses": POSES,
     }
 
 

@@ -54,7 +54,7 @@ def test_strip_shows_the_final_poses(agent):
     )
     strip = tensorboard.strip(agent, played[:2])
     last = played[1]
-    pose = Pose(last.final_x_mm, last.final_focal_depth_mm, last.final_angle_deg)
+    pose = Pose(*(last.poses[f"final_{name}"] for name in ("x_mm", "focal_depth_mm", "angle_deg")))
     np.testing.assert_array_equal(strip[:, 42:], tensorboard.frame_store().frame(pose))
     assert (strip[:, 40:42] == 255).all()
 

@@ -10,7 +10,7 @@ from usbench.records.configuration import (
     TrialConfig,
     identity,
 )
-from usbench.records.episode import OF_A_PHANTOM, Episode, Evaluation
+from usbench.records.episode import Episode, Evaluation
 from usbench.records.folder import (
     CHECKPOINTS,
     EPISODES,
@@ -30,7 +30,6 @@ __all__ = [
     "EVALUATIONS",
     "MAX_FRAMES",
     "MODEL",
-    "OF_A_PHANTOM",
     "TENSORBOARD",
     "TRIAL",
     "VOLUME",

@@ -12,8 +12,8 @@ import numpy.typing as npt
 import torch
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
-from usbench.coordinates import BY_NAME
-from usbench.records import OF_A_PHANTOM, Evaluation
+from usbench.coordinates import BY_NAME, TARGET
+from usbench.records import Evaluation
 from usbench.setting import Setting
 
 # Seed of the actions that a stochastic agent draws in evaluations; the episodes' own seeds are the suite's.
@@ -66,8 +66,9 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
         self._origin = self.unwrapped.np_random.bit_generator.state if seed is None else seed
         observation, info = self.env.reset(seed=seed, options=options)
         self._pose_keys = [key for key in BY_NAME if key in info]
-        self._start = {f"start_{key}": int(info[key]) for key in self._pose_keys}
-        self._start |= {key: int(info[key]) for key in OF_A_PHANTOM if key in info}
+        self._poses = {f"start_{key}": int(info[key]) for key in self._pose_keys}
+        self._poses |= {key: int(info[key]) for key in TARGET if key in info}
+        self._phantom = int(info["phantom"]) if "phantom" in info else None
         self._return = 0.0
         self._to_goal: int | None = None
         self._actions: list[int] = []
@@ -87,8 +88,8 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
             self._report(
                 {
                     "return_": self._return,
-                    **self._start,
-                    **{f"final_{key}": int(info[key]) for key in self._pose_keys},
+                    "poses": self._poses | {f"final_{key}": int(info[key]) for key in self._pose_keys},
+                    "phantom": self._phantom,
                     "final_distance_mm": float(info["distance_mm"]),
                     "final_sin_angle": float(info["sin_angle"]),
                     "is_success": bool(info["is_success"]),

@@ -56,7 +56,7 @@ def strip(agent: BaseAlgorithm, played: Sequence[Evaluation]) -> npt.NDArray[np.
     for row in played:
         own = row.phantom is None
         phantom = env.get_attr("phantom")[0] if own else env.get_attr("phantoms")[0].phantom(row.phantom)
-        pose = task.pose({name: getattr(row, f"final_{name}") for name in task.coordinates})
+        pose = task.pose({name: row.poses[f"final_{name}"] for name in task.coordinates})
         frames.append(frame_store(phantom, probe, imaging).frame(pose))
     gap = np.full((len(frames[0]), GAP_PX), 255, np.uint8)
     parts = [part for frame in frames for part in (frame, gap)]
