@@ -112,10 +112,15 @@ def whole_interval(low: float, high: float) -> str:
     return f"a whole number from {low}" if math.isinf(high) else f"a whole number in [{low}, {high}]"
 
 
+def closest(name: object, allowed: Collection[str], cutoff: float = 0.5) -> str:
+    """Return the one of `allowed` that is most like `name`, "" if none is."""
+    return next(iter(difflib.get_close_matches(str(name).lower(), allowed, n=1, cutoff=cutoff)), "")
+
+
 def unknown(what: str, name: object, allowed: Collection[str]) -> ValueError:
     """Return the error for a `name` that is not one of `allowed`; it says a close one, if there is one."""
-    close = difflib.get_close_matches(str(name).lower(), allowed, n=1, cutoff=0.5)
-    hint = f" (did you mean {close[0]!r}?)" if close else ""
+    close = closest(name, allowed)
+    hint = f" (did you mean {close!r}?)" if close else ""
     listed = ", ".join(map(repr, allowed)) or "none"
     return ValueError(f"unknown {what} {reprlib.repr(name)}{hint}: allowed are {listed}.")
 

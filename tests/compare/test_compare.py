@@ -70,7 +70,7 @@ def test_plan_takes_what_is_named_twice_once():
 
 
 def test_default_command_is_the_papers_grid():
-    args = cli.build_parser().parse_args(["compare"])
+    args = cli.build_parser()[0].parse_args(["compare"])
     assert args.algos == ["vpg", "a2c", "ppo", "dqn"] and args.tasks == ["fp", "pp"]
     assert args.noise == [0, 0.25, 0.5] and args.seeds == 4 and args.steps is None
     assert args.leaderboard == Path("leaderboard.md") and args.out == Path("runs")

@@ -22,7 +22,7 @@ def test_machine_that_differs_says_so_in_record_and_footnote(quick, tmp_path, mo
     real = runner.version
     monkeypatch.setattr(runner, "version", lambda name: "0.1" if name == "numpy" else real(name))
     frames = BrighterFrames()
-    monkeypatch.setattr("usbench.trials.runner.frame_store", lambda *_: frames)
+    monkeypatch.setattr("usbench.setting.frame_store", lambda *_: frames)
     runner.run_trial(configs[2], tmp_path / "runs")
 
     states = [read_state(tmp_path / "runs" / config.folder_name) for config in configs]

@@ -2,10 +2,11 @@
 
 import argparse
 import contextlib
-import difflib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
+
+from usbench.checks import closest
 
 REFUSED = 2
 # Said after Ctrl-C of commands that keep what they have done.
@@ -22,8 +23,8 @@ class Parser(argparse.ArgumentParser):
     def refuse(self, rest: Sequence[str]) -> NoReturn:
         """Refuse the arguments that nothing takes, with the closest option if the first of them is one."""
         first = rest[0].partition("=")[0]
-        close = difflib.get_close_matches(first, self._option_string_actions, n=1)
-        hint = f" (did you mean {close[0]}?)" if close and first.startswith("-") else ""
+        close = closest(first, self._option_string_actions, cutoff=0.6) if first.startswith("-") else ""
+        hint = f" (did you mean {close}?)" if close else ""
         self.error(f"unrecognized arguments: {' '.join(rest)}{hint}")
 
     def error(self, message: str) -> NoReturn:

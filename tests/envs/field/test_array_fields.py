@@ -11,10 +11,13 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from usbench.envs.bmode import Imaging, bmode
+from usbench.envs.bmode import DEFAULT_IMAGING, Imaging, bmode
 from usbench.envs.field.slow_sum import excited_pulse
+from usbench.envs.phantom import Phantom
+from usbench.envs.pose import Pose
 from usbench.envs.probe import LinearArray
 from usbench.envs.rf import simulate_iq, simulate_rf
+from usbench.envs.scanner import view
 
 FOCUS = 30e-3
 SMALL = LinearArray(n_elements=96, n_active=24)
@@ -179,10 +182,22 @@ def test_n_elevation_converges():
     assert abs(peaks[1] / peaks[10] - 1) > 0.02
 
 
+def test_a_thicker_slice_shows_what_lies_farther_from_the_image_plane():
+    phantom, pose = Phantom(), Pose()
+    counts = [
+        len(phantom.in_view(pose, *view(changed(slice_thickness=mm * 1e-3), DEFAULT_IMAGING))[1])
+        for mm in (5, 10, 20)
+    ]
+    assert counts[0] < counts[1] < counts[2]
+    # Tissue alone, far from the object, is evenly dense.
+    positions, _ = phantom.in_view(Pose(x_mm=20), *view(changed(slice_thickness=20e-3), DEFAULT_IMAGING))
+    assert 9e-3 < np.abs(positions[:, 1]).max() <= 10e-3
+
+
 def test_every_field_has_a_test():
     tested = {
         "center_frequency", "sampling_frequency", "speed_of_sound", "n_elements", "element_width", "kerf",
         "element_height", "n_active", "n_lines", "line_spacing", "excitation_cycles",
-        "impulse_response_cycles", "n_elevation",
+        "impulse_response_cycles", "n_elevation", "slice_thickness",
     }  # fmt: skip
     assert {field.name for field in dataclasses.fields(LinearArray)} == tested
