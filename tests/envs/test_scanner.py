@@ -75,7 +75,7 @@ def test_a_wide_probe_sees_as_far_as_its_image():
     middle, aside = (scan(Point([(x, 0, 50e-3)]), Pose(), array, imaging) for x in (0.0, 25e-3))
     row, column = np.unravel_index(aside.argmax(), aside.shape)
     assert row in (49, 50) and column in (54, 55)
-    # A pixel shows the mean over its millimetre, in which a point's echo is short: as bright as in the middle.
+    # A pixel is a mean over its millimetre, in which a point's echo is short: as bright as in the middle.
     assert aside.max() > 80 and abs(int(aside.max()) - int(middle.max())) <= 2
 
 
