@@ -1,4 +1,4 @@
-# Every job does its own set-up: a fresh clone needs nothing but Python 3.11 to 3.14 and make.
+# Every job installs what the job needs: a fresh clone needs nothing but Python 3.11 to 3.14 and make.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -19,11 +19,11 @@ $(STAMP): pyproject.toml constraints.txt
 run: $(STAMP)  ## train the paper's agent on the probe-plane task and show what it learnt
 	$(BIN)/usbench run --algo vpg --task pp
 
-# A process per core, so a thread per process: with more they wait for each other.
+# One process per core and one thread per process: more threads would wait for each other.
 test: $(STAMP)  ## run the tests (without the slow ones)
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m "not slow and not faults" -n auto --dist worksteal
 
-# Tests of these are skipped without them.
+# Without these packages the tests that need them are skipped.
 test-extras: $(STAMP)  ## install what some tests need beside the package: Weights & Biases, RL Baselines3 Zoo
 	$(BIN)/python -m pip install --disable-pip-version-check --quiet -c constraints.txt -e '.[dev,wandb]'
 	$(BIN)/python -m pip install --disable-pip-version-check --quiet --no-deps -r tests/rl_zoo3.txt
@@ -48,7 +48,7 @@ typecheck: $(STAMP)  ## check the types (mypy --strict) on an installed copy
 		--target build/typecheck .
 	$(BIN)/mypy --no-incremental build/typecheck/usbench
 
-# Without it (it has no release for Python 3.13 and later) the benchmark leaves its ratio out and says so.
+# esdiva has no release for Python 3.13 and later: without esdiva the benchmark leaves the ratio out and says so.
 $(VENV)/.bench: $(STAMP)
 	-$(BIN)/python -m pip install --disable-pip-version-check --quiet -c constraints.txt -e '.[bench]'
 	@touch $@

@@ -1,4 +1,4 @@
-"""The agents: the paper's vanilla policy gradient, the table of algorithms, and the floor and ceiling."""
+"""The agents: the paper's vanilla policy gradient, the table of algorithms, and the reference policies."""
 
 if __name__ != "usbench.agents":
     raise ImportError(

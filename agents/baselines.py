@@ -1,4 +1,4 @@
-"""The floor (random, stay) and the ceiling (oracle): not learned, with SB3's `learn` and `predict`."""
+"""The reference policies (random, stay, oracle): they learn nothing, and have SB3's `learn` and `predict`."""
 
 import abc
 import json
@@ -23,14 +23,14 @@ class Planner(Protocol):
     def action(self, step: int, pose: tuple[int, ...], *target: tuple[int, ...]) -> int:
         """The action after `step` steps at the pose `(x_mm, focal_depth_mm, angle_deg)`.
 
-        `target` is the pose to be found, where episodes differ in it. A plan whose poses have other
-        coordinates names them, in an attribute `coordinates`.
+        `target` is the pose to be found, where episodes differ in that pose. A plan whose poses have other
+        coordinates names these in an attribute `coordinates`.
         """
         ...
 
 
 class _NotLearned(abc.ABC):
-    """What the agents below share: SB3's interface, with nothing to learn."""
+    """What the reference policies share: the interface of SB3, with nothing to learn."""
 
     sees_state: ClassVar[bool] = False
     looks: ClassVar[bool] = False
@@ -46,7 +46,7 @@ class _NotLearned(abc.ABC):
         self.seed = None if seed is None else check_seed(seed)
 
     def learn(self, total_timesteps: int, *args: object, **kwargs: object) -> Self:
-        """Learns nothing and takes no step; returns itself."""
+        """Learns nothing and takes no step; returns the agent."""
         return self
 
     def predict(
@@ -78,7 +78,7 @@ class _NotLearned(abc.ABC):
         """Writes a zip of JSON; `.zip` is added where the name has no ending."""
         path = Path(path)
         with zipfile.ZipFile(path if path.suffix else path.with_suffix(".zip"), "w") as archive:
-            # A `ZipInfo` of its own carries no time of day: same agent, same bytes.
+            # A `ZipInfo` made here carries no time of day, so that the same agent gives the same bytes.
             archive.writestr(zipfile.ZipInfo("data.json"), json.dumps(self._data()))
 
     @classmethod
@@ -96,7 +96,7 @@ class Random(_NotLearned):
     """Every action with the same probability, whatever `deterministic` says."""
 
     def __init__(self, policy: object, env: Any, seed: int | None = None) -> None:
-        """Draws from its own generator of `seed`."""
+        """Makes the generator of the actions from `seed`."""
         super().__init__(policy, env, seed)
         self._generator = np.random.default_rng(self.seed)
 
@@ -121,9 +121,9 @@ class Stay(_NotLearned):
 class Oracle(_NotLearned):
     """Follows a plan made with full knowledge: `predict` is given `info` in place of the observation.
 
-    An `info` says the pose (`x_mm`, `focal_depth_mm`, `angle_deg`) and `step`, the number of steps already
-    done in the episode, 0 after reset; where episodes differ in the pose to be found, that one too
-    (`target_x_mm`, ...).
+    An `info` says the pose (`x_mm`, `focal_depth_mm`, `angle_deg`) and `step`, the number of steps that were
+    taken in the episode, 0 after reset. Where episodes differ in the pose to be found, `info` says that pose
+    too (`target_x_mm`, ...).
     """
 
     sees_state: ClassVar[bool] = True

@@ -18,8 +18,8 @@ class FrameReplayBuffer(ReplayBuffer):
 
     A stack of four float32 frames of 90 x 40 pixels takes 57.6 kB, and each transition has two of them,
     although a fixed phantom shows only a few hundred frames in all. Here a transition holds eight numbers.
-    What is sampled has the bits of what was added. Frames are never dropped: memory grows with the number
-    of different frames, not with that of steps.
+    Sampled observations have the same bits as those that were added. Frames are never dropped: memory grows
+    with the number of different frames, not with the number of steps.
     """
 
     def __init__(
@@ -31,7 +31,7 @@ class FrameReplayBuffer(ReplayBuffer):
         n_envs: int = 1,
         **kwargs: Any,
     ) -> None:
-        """Takes SB3's arguments; `optimize_memory_usage` has nothing left to save."""
+        """Takes SB3's arguments; `optimize_memory_usage` has no effect here."""
         height, width, channels = observation_space.shape
         numbers = spaces.Box(0, np.iinfo(np.int32).max, (channels,), np.int32)
         super().__init__(buffer_size, numbers, action_space, device, n_envs, **kwargs)
@@ -51,7 +51,7 @@ class FrameReplayBuffer(ReplayBuffer):
         super().add(self._numbered(obs), self._numbered(next_obs), action, reward, done, infos)
 
     def state(self) -> dict[str, Any]:
-        """What was added: views of the filled part of each array, and every different frame once."""
+        """The contents of the buffer: views of each array's filled part, and every different frame once."""
         arrays = {name: getattr(self, name)[: self.size()] for name in TRANSITIONS}
         return {"pos": self.pos, "full": self.full, "frames": self._frames[: len(self._numbers)], **arrays}
 
@@ -59,7 +59,7 @@ class FrameReplayBuffer(ReplayBuffer):
         """Fills the new, empty buffer with what `state` gave.
 
         Raises:
-            ValueError: it comes from a buffer of other sizes.
+            ValueError: `state` comes from a buffer of another size.
         """
         self.pos, self.full = state["pos"], state["full"]
         for frame in state["frames"]:

@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
 
-# Made from the configuration, or held by the parameters (`batch_norm_stats` are some of these).
+# These are made from the configuration, or the parameters hold them (as they do `batch_norm_stats`).
 MADE_ANEW = frozenset(
     {
         "device", "env", "_vec_normalize_env", "_logger", "_custom_logger",
@@ -30,14 +30,14 @@ _PLAIN = (type(None), bool, int, float, str, bytes)
 
 
 class UnsavedError(TypeError):
-    """A model that holds something of which it is not known how to keep it."""
+    """A model holds something that cannot be written into a resume file."""
 
 
 def state_of(model: BaseAlgorithm) -> dict[str, Any]:
-    """All that `model` holds at the start of a rollout; tensors and arrays may be the model's own.
+    """All that `model` holds at the start of a rollout; tensors and arrays may share memory with the model.
 
     Raises:
-        UnsavedError: it holds something that is neither plain data nor made from the configuration.
+        UnsavedError: the model holds something that is neither plain data nor made from the configuration.
     """
     _, variables = model._get_torch_save_params()
     return {
@@ -103,7 +103,7 @@ def _replay_buffer(model: BaseAlgorithm) -> Any:
 
 
 def _plain(value: Any) -> Any:
-    """`value` in lists, dictionaries and tensors; what else there is becomes a tuple ("what", ...)."""
+    """`value` as lists, dictionaries and tensors; any other type becomes a tuple ("its name", ...)."""
     if type(value) in _PLAIN or type(value) is torch.Tensor:
         return value
     if isinstance(value, np.ndarray):

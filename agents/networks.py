@@ -81,11 +81,11 @@ class ProjectedTrunk(ConvTrunk):
 class Block(nn.Sequential):
     """3x3 convolution -> batch norm -> ReLU -> 2x2 max-pool: halves height and width of `(n, n_in, h, w)`.
 
-    Acting, batch norm takes its running statistics. Learning, it takes those of the batch; or, without
-    `batch_statistics`, still the running ones, so that the loss sees the network that acted: PPO's ratio then
-    begins at 1, TRPO's divergence at 0, and a Q-network meets its target in the same terms. The first batch
-    after each `train()` then moves the running statistics, for the time after the update; the update itself
-    goes on with those that it began with.
+    While the agent acts, batch norm uses the running statistics. While the agent learns, batch norm uses
+    those of the batch or, without `batch_statistics`, still the running ones, so that the loss sees the
+    network that acted: PPO's ratio then begins at 1, TRPO's divergence at 0, and a Q-network and its target
+    network are normalised alike. The first batch after each `train()` then moves the running statistics for
+    the time after the update; the update itself keeps the statistics with which it began.
     """
 
     def __init__(self, n_in: int, n_out: int, batch_statistics: bool = True) -> None:
@@ -97,12 +97,12 @@ class Block(nn.Sequential):
         self._kept: tuple[list[tuple[int, int]], tuple[torch.Tensor, torch.Tensor]] | None = None
 
     def train(self, mode: bool = True) -> Self:
-        """As in PyTorch; the update that begins or ends here lets go of what was held and kept."""
+        """As in PyTorch; an update begins or ends here, so held statistics and kept weights are dropped."""
         self._held = self._kept = None
         return super().train(mode)
 
     def forward(self, images: torch.Tensor) -> torch.Tensor:
-        """The layers one after the other: as layers, in one step, or folded into the convolution."""
+        """The pooled maps: layer by layer, in one step, or with batch norm folded into the convolution."""
         convolution, norm, relu, pool = self
         assert isinstance(norm, nn.BatchNorm2d)
         result: torch.Tensor
@@ -123,7 +123,7 @@ class Block(nn.Sequential):
         return result
 
     def _folded(self, images: torch.Tensor, weights: tuple[torch.Tensor, torch.Tensor]) -> torch.Tensor:
-        """The layers, batch norm as part of the convolution's `weights`."""
+        """The pooled maps, where batch norm is part of the convolution's `weights`."""
         relu, pool = self[2], self[3]
         maps = functional.conv2d(images, *weights, padding=1)
         # Pooling first: the same result, with a quarter of the pixels left for ReLU.
@@ -133,7 +133,7 @@ class Block(nn.Sequential):
         return result
 
     def _weights(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Weight and bias of the convolution with batch norm, of held or else running statistics, in it."""
+        """Weight and bias of the convolution that includes batch norm, by held or else running statistics."""
         convolution, norm, *_ = self
         assert isinstance(convolution, nn.Conv2d) and isinstance(norm, nn.BatchNorm2d)
         mean, var = self._held or _copy(norm)
@@ -141,9 +141,10 @@ class Block(nn.Sequential):
         return convolution.weight * scale[:, None, None, None], norm.bias - mean * scale
 
     def _weights_to_act(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """The same, kept from step to step until a parameter changes.
+        """The same as `_weights`, kept from step to step until a parameter changes.
 
-        Not in networks that a target network may stand beside: that one changes behind `.data`, unseen.
+        Networks that may have a target network keep nothing: a target network is written through `.data`,
+        which leaves no trace in the version of a tensor.
         """
         if not self.batch_statistics:
             return self._weights()
@@ -158,7 +159,7 @@ class Block(nn.Sequential):
 
 
 def _channels_last(gradient: torch.Tensor | None) -> torch.Tensor | None:
-    """The same gradient in the maps' layout: in another one, max-pooling copies the maps' there and back."""
+    """The gradient in the layout of the maps: in another layout, max-pooling would copy it there and back."""
     return None if gradient is None else gradient.contiguous(memory_format=torch.channels_last)
 
 
@@ -169,7 +170,7 @@ def _copy(norm: nn.BatchNorm2d) -> tuple[torch.Tensor, torch.Tensor]:
 
 
 def _move_statistics(norm: nn.BatchNorm2d, maps: torch.Tensor) -> None:
-    """Moves the running statistics towards those of `maps`: by the momentum, in the beginning further."""
+    """Moves the running statistics towards those of `maps`: by the momentum, and further at first."""
     assert norm.running_mean is not None and norm.running_var is not None
     assert norm.num_batches_tracked is not None and norm.momentum is not None
     pixels = maps.permute(0, 2, 3, 1).flatten(0, 2)

@@ -1,4 +1,4 @@
-"""Batch norm, ReLU and max-pool of a training step in one: the same results in half the passes over memory.
+"""Batch norm, ReLU and max-pool of a training step as one function: half the passes over memory.
 
 The maps of the first convolution take 15 MB for 64 frames, so that separate layers spend their time on
 memory. Here the maps are read three times, and one more array of their size is made. Pooling comes first,
@@ -68,7 +68,7 @@ class _NormReluPool(torch.autograd.Function):
         factor = weight * scale
         slope = factor * scale * to_weight * (maps.shape[1] / maps.numel())
         offset = slope * mean - factor * to_bias * (maps.shape[1] / maps.numel())
-        # In another layout than the maps', those would be copied there and back.
+        # In another layout than that of the maps, the maps would be copied there and back.
         to_largest = (gradient * _column(factor)).contiguous(memory_format=torch.channels_last)
         to_maps = torch.ops.aten.max_pool2d_with_indices_backward(
             to_largest, maps, [2, 2], [2, 2], [0, 0], [1, 1], False, indices

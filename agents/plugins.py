@@ -20,7 +20,7 @@ def load(place: str) -> object:
         ValueError: `place` has another form, or the module cannot be imported, or has no such name.
     """
     if not _PLACE.fullmatch(place):
-        raise ValueError(f"an algorithm of your own is named module:name, not {place!r}.")
+        raise ValueError(f"an algorithm outside this package is named module:name, not {place!r}.")
     module, name = place.split(":")
     try:
         return getattr(importlib.import_module(module), name)

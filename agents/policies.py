@@ -36,7 +36,7 @@ class SeparatePolicy(ActorCriticPolicy):
         return [parameter for network in networks for parameter in network.parameters()]
 
     def policy_parameters(self) -> list[nn.Parameter]:
-        """The parameters that give the actions: all others."""
+        """The parameters that give the actions: all that do not give the values."""
         of_value = set(self.value_parameters())
         return [parameter for parameter in self.parameters() if parameter not in of_value]
 

@@ -1,7 +1,7 @@
-"""Where the search looks for each algorithm's hyperparameters: one literal table, beside that of defaults.
+"""The ranges in which the search looks for each algorithm's hyperparameters: one literal table.
 
-What is not named here stays as in the table of algorithms. Every algorithm is given the same number of
-candidates. Bounds keep a trial at some minutes of one core.
+A hyperparameter that is not named here keeps the value of the table of algorithms. Every algorithm is given
+the same number of candidates. The bounds keep a trial at some minutes of one core.
 """
 
 from dataclasses import dataclass

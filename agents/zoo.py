@@ -22,19 +22,19 @@ class Entry:
     tasks: Mapping[str, Mapping[str, Value]] = field(default_factory=dict)
     presets: Mapping[str, Mapping[str, Value]] = field(default_factory=dict)
     learns: bool = True
-    # Whether it sees frames; what does not look needs none to be simulated.
+    # Whether the agent looks at frames; for an agent that does not look, no frames are simulated.
     looks: bool = True
 
 
 # Every network is a trunk and one fully connected output.
 TRUNK = {"features_extractor_class": "usbench.agents.networks:ConvTrunk", "net_arch": []}
-# Policy and value apart, as in VPG: errors of values, tens in size, would drown the policy in a shared trunk.
+# Separate trunks, as in VPG: errors of values are tens in size and would drown the policy in a shared trunk.
 SEPARATE = {**TRUNK, "share_features_extractor": False}
-# Losses that compare with what the network said while it acted, or with a target network: see `Block`.
+# For losses that compare with what the network said while it acted, or with a target network: see `Block`.
 RUNNING = {"features_extractor_kwargs": {"batch_statistics": False}}
 REPLAY = {"replay_buffer_class": "usbench.agents.frame_buffer:FrameReplayBuffer"}
 
-# Chosen by the search (docs/search), but for VPG, whose are the paper's.
+# Hyperparameters were chosen by the search (docs/search); those of VPG are the paper's.
 ZOO: dict[str, Entry] = {
     "vpg": Entry(
         cls="usbench.agents.vpg:VPG",
@@ -46,7 +46,7 @@ ZOO: dict[str, Entry] = {
             "gamma": 0.99,
             "gae_lambda": 0.97,
             "n_value_steps": 3,
-            # A random hand's -1.3 per step, for ever: see the class.
+            # What the random agent would collect without end, at -1.3 per step: see the class.
             "initial_value": -130.0,
             "adam_beta1": 0.0,
         },
@@ -54,7 +54,7 @@ ZOO: dict[str, Entry] = {
             "fp": {"gae_lambda": 0.95},
             "pp": {"gae_lambda": 0.97},
             "fp-random": {"gae_lambda": 0.95},
-            # A random hand's 1.4 per step, for ever.
+            # What the random agent would collect without end, at 1.4 per step.
             "setup": {"initial_value": 140.0},
         },
         presets={"spinup": {"n_value_steps": 80}},
@@ -101,7 +101,7 @@ ZOO: dict[str, Entry] = {
         kwargs=REPLAY,
         hyperparameters={
             "learning_rate": 7e-5,
-            # The paper's whole budget: nothing is forgotten.
+            # The paper's whole budget: the buffer forgets no step.
             "buffer_size": 16_064,
             "learning_starts": 500,
             "batch_size": 64,
@@ -166,7 +166,7 @@ ZOO: dict[str, Entry] = {
             "lstm_hidden_size": 64,
         },
         hyperparameters={
-            # Ten times PPO's: few features, which a weight moves less than the trunk's thousands do.
+            # Ten times that of PPO: a weight has less effect with 64 features than with the trunk's 7040.
             "learning_rate": 1e-3,
             "n_steps": 256,
             "batch_size": 64,
@@ -187,11 +187,11 @@ ZOO: dict[str, Entry] = {
 
 
 def entry(algo: str) -> Entry:
-    """The row of `algo`: of the table, of an entry point, or of what stands at "module:name".
+    """The row of `algo`: from the table, from an entry point, or made for the class at "module:name".
 
     Raises:
-        TypeError: what stands there is neither an `Entry` nor a class with `learn` and `predict`.
-        ValueError: there is none; the message says the closest name.
+        TypeError: what stands at "module:name" is neither an `Entry` nor a class with `learn` and `predict`.
+        ValueError: no algorithm has that name; the message says the closest name.
     """
     if algo in ZOO:
         return ZOO[algo]
@@ -204,7 +204,7 @@ def entry(algo: str) -> Entry:
 
 
 def _row(place: str, found: Any) -> Entry:
-    """The row of a bare class: a Stable-Baselines3 algorithm gets the network that all others have."""
+    """The row of a class without one: an algorithm of Stable-Baselines3 gets the network of all others."""
     from stable_baselines3.common.base_class import BaseAlgorithm
     from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
     from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
@@ -230,7 +230,8 @@ def hyperparameters(
 
     Raises:
         TypeError: an override has the wrong type.
-        ValueError: unknown algorithm, preset or hyperparameter (says the closest), or a value out of range.
+        ValueError: an algorithm, preset or hyperparameter is unknown (the message says the closest name), or
+            a value is out of range.
     """
     row = entry(algo)
     merged = {**row.hyperparameters, **row.tasks.get(task, {}), **row.presets.get(preset or "", {})}
@@ -252,9 +253,9 @@ def hyperparameters(
 def make(algo: str, env: Any, seed: int, hyperparameters: Mapping[str, Value], **kwargs: Any) -> Any:
     """The model of `algo` on `env`: has SB3's `learn`, `predict`, `save` and `load`.
 
-    On a vector of environments an update still takes `n_steps` steps in all, and as many updates are made per
-    step. `kwargs` go to the constructor; `policy` and `policy_kwargs` there replace the row's (the oracle
-    needs its `policy`).
+    On a vector of environments an update still takes `n_steps` steps in all, and the number of updates per
+    step stays the same. `kwargs` go to the constructor; a `policy` or `policy_kwargs` among them replaces
+    that of the row (the oracle needs a `policy`).
 
     Raises:
         ValueError: the number of environments does not divide `n_steps`.
@@ -268,7 +269,7 @@ def make(algo: str, env: Any, seed: int, hyperparameters: Mapping[str, Value], *
 
 
 def _shared(hyperparameters: Mapping[str, Value], n_envs: int) -> dict[str, Value]:
-    """What Stable-Baselines3 counts per environment, so that `n_envs` of them do together what is asked."""
+    """The hyperparameters that Stable-Baselines3 counts per environment, shared out among `n_envs`."""
     shared = dict(hyperparameters)
     if "n_steps" in shared:
         n_steps, rest = divmod(int(shared["n_steps"]), n_envs)
@@ -281,7 +282,7 @@ def _shared(hyperparameters: Mapping[str, Value], n_envs: int) -> dict[str, Valu
 
 
 def model_class(algo: str) -> Any:
-    """The class of `algo`, imported now: so that listing the table stays fast."""
+    """The class of `algo`, imported only when it is asked for, so that reading the table stays fast."""
     return _resolved(entry(algo).cls)
 
 

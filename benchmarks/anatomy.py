@@ -1,4 +1,4 @@
-"""Look around in a volume of one's own: what the probe sees of it, sliced and simulated, pose by pose.
+"""Look around in a custom anatomy: what the probe sees of the volume, sliced and simulated, pose by pose.
 
 The arguments after the file are those of `usbench run --phantom`, of the recording and of the simulation.
 """
@@ -43,8 +43,8 @@ def main() -> None:
     parser.add_argument("phantom", nargs="+", metavar="FILE NAME=VALUE", help="as for usbench run --phantom")
     parser.add_argument("--angles", nargs="+", type=int, default=[0, 30, 60, 90], metavar="DEG")
     parser.add_argument("--x", nargs="+", type=int, default=[0], metavar="MM")
-    parser.add_argument("--depth", type=int, default=50, metavar="MM", help="of the focus (default 50)")
-    parser.add_argument("--figure", type=Path, required=True, help="PNG, SVG or PDF")
+    parser.add_argument("--depth", type=int, default=50, metavar="MM", help="depth of the focus (default 50)")
+    parser.add_argument("--figure", type=Path, required=True, help="file to draw into (PNG, SVG or PDF)")
     args = parser.parse_args()
     rows: dict[str, Anatomy] = {}
     for kind in ("recorded", "simulated"):

@@ -1,4 +1,4 @@
-"""Where agents fail: poses that look alike, how episodes end, what a single frame costs: `make failures`.
+"""Where agents fail: poses that look alike, how episodes end, scores with a single frame: `make failures`.
 
 Prints the tables for docs/failures.md and draws its figures. Look-alikes come from the frames of the default
 phantom, all else from the records in folders of trials.
@@ -38,7 +38,7 @@ def collected(runs: list[Path]) -> tables.Results:
 
 
 def printed(rows: pd.DataFrame, title: str) -> Table:
-    """Return `rows` as a table: numbers with two digits, nothing where there is none."""
+    """Return `rows` as a table: numbers with two digits, an empty cell where there is no number."""
     table = Table(*(str(name).replace("_", " ") for name in rows.columns), title=title)
     for row in rows.itertuples(index=False):
         table.add_row(*("" if pd.isna(v) else f"{v:.2f}" if isinstance(v, float) else str(v) for v in row))
@@ -46,13 +46,13 @@ def printed(rows: pd.DataFrame, title: str) -> Table:
 
 
 def main() -> None:
-    """Print the tables; draw the figure where asked to."""
+    """Print the tables; draw the figures that the arguments ask for."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=Path, default=Path("runs"), help="folder of trials (default runs)")
     parser.add_argument("--frames", type=Path, help="folder of trials with other numbers of frames")
     parser.add_argument("--pairs", type=int, default=8, help="look-alikes per task (default 8)")
     parser.add_argument("--figure", type=Path, help="also draw the look-alikes here (PNG, SVG or PDF)")
-    parser.add_argument("--ends", type=Path, help="also draw how episodes end here")
+    parser.add_argument("--ends", type=Path, help="also draw here how episodes end")
     args = parser.parse_args()
     known = {suite.TASKS[task].guidance: frames(task) for task in suite.PAPER}
     console = Console(width=110)

@@ -1,7 +1,7 @@
-"""How long the guide's page takes from a key to the new frame, in a headless Chromium; and its picture.
+"""How long the guide's page takes from a key to the new frame, in a headless Chromium; and a picture of it.
 
 Run `python benchmarks/guide.py TRIAL [--picture docs/guide.png]`. The time counts from the key's event to the
-second refresh of the page after the new frame was drawn, when the frame has been on the screen.
+second refresh of the page after the new frame was drawn: by then the screen has shown the frame.
 """
 
 import argparse
@@ -64,14 +64,14 @@ def main() -> None:
 
 
 def episode(page: Any) -> list[int]:
-    """Play an episode as advised, by keys; return what each took, in ms."""
+    """Play an episode by the advised keys; return the time of each key in ms."""
     page.keyboard.press("n")
     expect(page.get_by_text("Step 0 of 16")).to_be_visible()
     return press(page, 16)
 
 
 def press(page: Any, steps: int) -> list[int]:
-    """Press the advised key `steps` times; return what each took, in ms."""
+    """Press the advised key `steps` times; return the time of each key in ms."""
     took = []
     for step in range(1, steps + 1):
         key = page.locator("#controls .advised").get_attribute("aria-keyshortcuts")

@@ -1,4 +1,4 @@
-"""How well the reward from the image follows the true one: `python benchmarks/image_reward.py`.
+"""How well the reward from the image follows the reward from the pose: `python benchmarks/image_reward.py`.
 
 For each phantom: the rank correlation (Spearman) of the two rewards over all poses that the task can reach,
 and how far the pose with the best image is from the goal. Frames that are not kept yet are simulated.
@@ -40,11 +40,11 @@ def main() -> None:
     """Print a table for each task."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--tasks", nargs="+", default=["pp", "pp-random", "fp", "fp-random"], metavar="NAME")
-    parser.add_argument("--phantoms", type=int, default=8, help="of the evaluation's (default 8)")
+    parser.add_argument("--phantoms", type=int, default=8, help="evaluation phantoms to take (default 8)")
     args = parser.parse_args()
     for task in args.tasks:
         head = ("phantom", "x", "depth", "angle", "size", "contrast", "correlation", "off (mm)", "off (deg)")
-        table = Table(*head, title=f"{task}: reward from the image against the true one")
+        table = Table(*head, title=f"{task}: reward from the image against the reward from the pose")
         found = []
         for phantom in Setting(task=task).evaluation_phantoms()[: args.phantoms]:
             correlation, distance_mm, angle_deg = compare(task, phantom)

@@ -1,8 +1,8 @@
-"""What each knob of the task `setup` does to the image: `python benchmarks/imaging_setup.py`.
+"""What each setting of the task `setup` does to the image: `python benchmarks/imaging_setup.py`.
 
-Prints the contrast-to-noise ratio along each knob through the best setting, beside the generalized one
-(Rodriguez-Molares et al. 2020, Eq. 9: 1 less the overlap of both histograms), and the best focus and range of
-each frequency. Frames that are not kept yet are simulated.
+Prints the contrast-to-noise ratio along each setting through the best combination, beside the generalized
+ratio (Rodriguez-Molares et al. 2020, Eq. 9: 1 minus the overlap of both histograms), and the best focus and
+range of each frequency. Frames that are not kept yet are simulated.
 """
 
 import argparse
@@ -24,7 +24,7 @@ from usbench.envs.settings import Setup
 from usbench.envs.tasks.imaging_setup import IMAGING_SETUP, PHANTOM, contrast_to_noise, regions
 from usbench.figures import style
 
-KNOBS = {
+SETTINGS = {
     "focal_depth_mm": ("focal depth", "mm", 1),
     "frequency_khz": ("centre frequency", "MHz", 1_000),
     "dynamic_range_db": ("dynamic range", "dB", 1),
@@ -41,24 +41,24 @@ def generalized(frame: npt.NDArray[np.uint8]) -> float:
 
 
 def measure(store: FrameStore) -> Quality:
-    """Return the contrast-to-noise ratio and the generalized one of every setting."""
+    """Return the contrast-to-noise ratio and the generalized ratio of every combination of settings."""
     masks = regions(PHANTOM, Pose(), Imaging())
     frames = {pose: store.frame(pose) for pose in IMAGING_SETUP.states if isinstance(pose, Setup)}
     return {pose: (contrast_to_noise(frame, *masks), generalized(frame)) for pose, frame in frames.items()}
 
 
-def along(best: Setup, knob: str) -> list[Setup]:
-    """Return the settings that differ from `best` in one knob at most, in its order."""
-    values = sorted({getattr(pose, knob) for pose in IMAGING_SETUP.states})
-    return [replace(best, **{knob: value}) for value in values]
+def along(best: Setup, setting: str) -> list[Setup]:
+    """Return the combinations that differ from `best` in `setting` alone, in ascending order."""
+    values = sorted({getattr(pose, setting) for pose in IMAGING_SETUP.states})
+    return [replace(best, **{setting: value}) for value in values]
 
 
 def tables(quality: Quality, best: Setup) -> list[Table]:
-    """Return a table for each knob, and that of the best setting for each frequency."""
+    """Return a table for each setting, and a table of the best combination for each frequency."""
     made = []
-    for knob, (name, unit, scale) in KNOBS.items():
-        poses = along(best, knob)
-        table = Table("", *(f"{getattr(pose, knob) / scale:g} {unit}" for pose in poses), title=name)
+    for setting, (name, unit, scale) in SETTINGS.items():
+        poses = along(best, setting)
+        table = Table("", *(f"{getattr(pose, setting) / scale:g} {unit}" for pose in poses), title=name)
         for row, kind in enumerate(("contrast-to-noise ratio", "generalized")):
             table.add_row(kind, *(f"{quality[pose][row]:.2f}" for pose in poses))
         made.append(table)
@@ -69,25 +69,25 @@ def tables(quality: Quality, best: Setup) -> list[Table]:
             key=lambda other: quality[other][0],
         )
         cells = [
-            f"{getattr(one, knob) / scale:g} {unit}"
-            for knob, (_, unit, scale) in KNOBS.items()
-            if knob != "frequency_khz"
+            f"{getattr(one, setting) / scale:g} {unit}"
+            for setting, (_, unit, scale) in SETTINGS.items()
+            if setting != "frequency_khz"
         ]
         table.add_row(f"{pose.frequency_khz / 1e3:g} MHz", *cells, f"{quality[one][0]:.2f}")
     return [*made, table]
 
 
 def figure(store: FrameStore, quality: Quality, best: Setup) -> Figure:
-    """Return for each knob its ends and the best setting as frames, and the quality over it."""
+    """Return a figure with a row for each setting: frames at both ends and the best value, and quality."""
     drawn = Figure(figsize=(10.5, 9.6), dpi=110, layout="constrained")
-    axes = drawn.subplots(len(KNOBS), 4, width_ratios=(1, 1, 1, 2.2), squeeze=False)
-    for row, (knob, (name, unit, scale)) in zip(axes, KNOBS.items(), strict=True):
-        poses = along(best, knob)
+    axes = drawn.subplots(len(SETTINGS), 4, width_ratios=(1, 1, 1, 2.2), squeeze=False)
+    for row, (setting, (name, unit, scale)) in zip(axes, SETTINGS.items(), strict=True):
+        poses = along(best, setting)
         for axis, pose in zip(row, (poses[0], best, poses[-1]), strict=False):
             axis.imshow(store.frame(pose), cmap="gray", vmin=0, vmax=255, extent=(-20, 20, 90, 0))
-            axis.set_title(f"{getattr(pose, knob) / scale:g} {unit}: {quality[pose][0]:.2f}", fontsize=10)
+            axis.set_title(f"{getattr(pose, setting) / scale:g} {unit}: {quality[pose][0]:.2f}", fontsize=10)
         row[0].set_ylabel(f"{name}\ndepth (mm)")
-        values = [getattr(pose, knob) / scale for pose in poses]
+        values = [getattr(pose, setting) / scale for pose in poses]
         for kind, label in enumerate(("contrast-to-noise ratio", "generalized")):
             look = style.styles(("contrast-to-noise ratio", "generalized"))[label]
             row[3].plot(values, [quality[pose][kind] for pose in poses], label=label, **look)
@@ -98,7 +98,7 @@ def figure(store: FrameStore, quality: Quality, best: Setup) -> Figure:
 
 
 def main() -> None:
-    """Print the tables; with --figure, draw them."""
+    """Print the tables; with --figure, draw frames and curves."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--figure", type=Path, metavar="FILE", help="also draw frames and curves")
     args = parser.parse_args()

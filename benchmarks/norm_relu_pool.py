@@ -1,6 +1,6 @@
 """What agents/norm_relu_pool.py gains: a gradient step of the trunk with it, and with PyTorch's layers.
 
-Both take turns in one thread, on the same images; CPU time, since others may use the machine.
+Both take turns in one thread, on the same images. CPU time is measured, since others may use the machine.
 """
 
 import argparse
@@ -17,7 +17,7 @@ from usbench.agents.networks import ConvTrunk
 
 
 def layers(trunk: ConvTrunk, images: torch.Tensor) -> torch.Tensor:
-    """Return the features (n, features_dim) of `images`, one layer after the other."""
+    """Return the features (n, features_dim) of `images`, computed layer by layer."""
     for block in trunk.blocks:
         images = nn.Sequential.forward(block, images)
     return images.flatten(1)
@@ -34,7 +34,7 @@ def main() -> None:
     """Print the medians and their ratio."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--images", type=int, default=64, help="images of a gradient step (default 64)")
-    parser.add_argument("--steps", type=int, default=100, help="gradient steps of each (default 100)")
+    parser.add_argument("--steps", type=int, default=100, help="gradient steps of both (default 100)")
     args = parser.parse_args()
     torch.set_num_threads(1)
     torch.manual_seed(0)

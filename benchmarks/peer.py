@@ -1,4 +1,4 @@
-"""RF of a frame by esdiva (the Field II method), to be timed and compared with ours.
+"""RF of a frame by esdiva (the Field II method), to be timed and compared with the RF of usbench.
 
 Needs the extra `bench`: pip install -e '.[bench]'.
 """
@@ -27,7 +27,9 @@ class Peer:
         """Give the active aperture its apodisation and pulse."""
         self._array = array
         with contextlib.redirect_stdout(io.StringIO()), warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # on apodised reception: it is meant
+            warnings.simplefilter(
+                "ignore", UserWarning
+            )  # it warns of apodised reception, which is meant here
             aperture = LinearArrayTransducer(
                 n_elements=array.n_active,
                 element_width_mm=array.element_width * 1e3,
@@ -43,7 +45,8 @@ class Peer:
                 aperture.copy(),
                 c=array.speed_of_sound,
                 fs=array.sampling_frequency,
-                excitation=array.pulse * array.sampling_frequency**2,  # of both ways
+                excitation=array.pulse
+                * array.sampling_frequency**2,  # the pulse of transmission and reception
                 method="fst",
                 verbose=False,
             )
@@ -58,17 +61,17 @@ class Peer:
         path = np.hypot(elements - (line - center), focal_depth)
         delays = (path.max() - path) / array.speed_of_sound
         reception.tx.delays = reception.rx.delays = delays
-        # What its scan_focusline does, which has neither our delays nor our apodisation.
+        # As scan_focusline of esdiva does, which allows neither these delays nor this apodisation.
         reception._refresh_sub_elem_attributes()
         rf, coords = reception._focused_sum_rf(positions - [center, 0.0, 0.0], amplitudes)
-        # Its time begins at the first firing and the pulse's centre, ours when (line, 0, 0) fires.
+        # Time 0 of esdiva is the pulse's centre at the first firing; here it is when (line, 0, 0) fires.
         first = coords["t0"] + coords["pulse_center_lag_s"] + 2 * float(delays.max())
         return rf, first - 2 * float(path.max() - focal_depth) / array.speed_of_sound
 
     def frame(
         self, positions: Floats, amplitudes: Floats, focal_depth: float, lines: Floats
     ) -> tuple[list[tuple[npt.NDArray[np.float32], float]], float]:
-        """Return all lines, as `line` does, and the seconds that they took, without those of compiling."""
+        """Return all lines, as `line` does, and the seconds that they took, without the time of compiling."""
         self.line(positions[:2], amplitudes[:2], focal_depth, float(lines[0]))
         start = time.perf_counter()
         signals = [self.line(positions, amplitudes, focal_depth, float(line)) for line in lines]

@@ -1,8 +1,8 @@
-"""How far the frames of two kinds of processors differ: those of this one and those of a plain one.
+"""How far the frames of two kinds of processors differ: those of this processor and those of a plain one.
 
-Sums are rounded otherwise with other vectors, and a pixel between two grey levels may fall to either. The
-plain processor is this one without its newer instructions, in the simulator's own code, in NumPy and in
-OpenBLAS. It takes some minutes.
+Vectors of another length round sums otherwise, and a pixel between two grey levels may fall to either. The
+plain processor is this processor without newer instructions, in the simulator's code, in NumPy and in
+OpenBLAS. The comparison takes some minutes.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def simulate(path: Path) -> None:
 def main() -> None:
     """Print how many pixels differ."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--write", type=Path, help="only write the frames of this process")
+    parser.add_argument("--write", type=Path, help="only simulate the frames, and write them to this file")
     args = parser.parse_args()
     if args.write:
         simulate(args.write)
@@ -54,7 +54,7 @@ def main() -> None:
         frames = []
         for name, variables in (("here", {}), ("plain", plain())):
             path = Path(folder) / f"{name}.npz"
-            # Compiled code is kept apart: it is for one kind of processor.
+            # Compiled code is kept apart, since it is made for one kind of processor.
             own = {"NUMBA_CACHE_DIR": f"{folder}/{name}"}
             command = [sys.executable, __file__, "--write", str(path)]
             subprocess.run(command, env={**os.environ, **own, **variables}, check=True)

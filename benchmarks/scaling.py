@@ -1,8 +1,8 @@
 """What a Dask cluster does to a large comparison: `python benchmarks/scaling.py`, some minutes.
 
 Measured: seconds and size of the finished trials in a folder, and what the cluster costs per trial, on
-two worker processes of this machine, with trials that do nothing and with some that only leave files of that
-size. From these follows how long a grid takes on so many workers.
+two worker processes of this machine, with trials that do nothing and with trials that only leave files of
+that size. From these numbers follows how long a grid takes on a given number of workers.
 """
 
 import argparse
@@ -44,7 +44,7 @@ def finished(runs: Path) -> tuple[list[float], list[int]]:
 
 
 def leave(size: int, config: records.TrialConfig, out: Path, progress: Any) -> None:
-    """Do nothing, as a trial, but leave a file of `size` bytes; none at all for 0."""
+    """Stand in for a trial: do nothing but leave a file of `size` bytes, and no file for 0."""
     if size:
         folder = out / config.folder_name
         folder.mkdir()
@@ -53,7 +53,7 @@ def leave(size: int, config: records.TrialConfig, out: Path, progress: Any) -> N
 
 
 def cost(workers: dask_cluster.Cluster, n_trials: int, trial: Callable[..., None]) -> tuple[float, float]:
-    """Return seconds per trial, and those of them that scheduler and client compute."""
+    """Return seconds per trial, and the CPU seconds per trial of scheduler and client."""
     first = runner.resolve("stay", "pp")
     configs = [dataclasses.replace(first, seed=seed) for seed in range(n_trials)]
     with tempfile.TemporaryDirectory() as out:
@@ -90,12 +90,12 @@ def main() -> None:
         f"with files: {full[0] * 1e3:.1f} ms, of which scheduler and client compute {full[1] * 1e3:.1f} ms\n"
     )
     table = Table(title=f"A grid of {args.grid} trials of {trial_s:.0f} s")
-    for title in ("workers", "trials, at most", "overhead", "longer of both", "speed-up", "of the workers"):
+    for title in ("workers", "trials, at most", "overhead", "total", "speed-up", "of the workers"):
         table.add_column(title, justify="right")
     for n_workers in args.workers:
-        # The most that a queue takes (Graham 1966): the last trial may be the longest, and begin last.
+        # Upper bound for a queue (Graham 1966): the longest trial may start last.
         queue = args.grid * trial_s / n_workers + max(seconds) * (1 - 1 / n_workers)
-        # All trials go through one place. Computing time: what passed also tells who else used the machine.
+        # All trials go through one scheduler. CPU time, since other users of the machine add to wall time.
         overhead = args.grid * full[1]
         total = max(queue, overhead)
         speed_up = args.grid * trial_s / total

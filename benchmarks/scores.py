@@ -20,7 +20,7 @@ CELL = ["algo", "task", "settings", "deterministic"]
 
 
 def train(task: str, seed: int, args: argparse.Namespace) -> None:
-    """Run one trial as a command of its own; a finished one is not run again."""
+    """Run one trial in a separate process; a finished trial is not run again."""
     settings = ["--set", *args.set] if args.set else []
     command = ["run", "--algo", args.algo, "--task", task, "--seed", str(seed), "--out", args.out, "--quiet"]
     subprocess.run(
@@ -84,7 +84,7 @@ def table(out: Path) -> Table:
         seeds = " ".join(map(str, cell.index.get_level_values("seed")))
         each = " ".join(f"{value:.2f}" for value in values)
         spread = f"{values.std():.3f}" if len(values) > 1 else ""
-        actions = "greedy" if greedy else "drawn"
+        actions = "greedy" if greedy else "sampled"
         numbers = f"{values.mean():.3f}", spread, f"{cell['minutes'].mean():.1f}"
         result.add_row(algo, task, settings, actions, seeds, each, *numbers)
     return result
@@ -98,7 +98,7 @@ def main() -> None:
     parser.add_argument(
         "--seeds", type=int, default=4, help="number of seeds (default 4); 0 prints what is there"
     )
-    parser.add_argument("--first-seed", type=int, default=0, help="the first of them (default 0)")
+    parser.add_argument("--first-seed", type=int, default=0, help="the first seed (default 0)")
     parser.add_argument("--jobs", type=int, default=2, help="trials at a time (default 2)")
     parser.add_argument("--set", nargs="+", default=[], metavar="NAME=VALUE")
     parser.add_argument("--out", default="runs")

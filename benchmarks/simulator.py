@@ -1,8 +1,8 @@
 """Accuracy and speed of the simulator, as a table: `make bench-sim`.
 
-The accuracy is that against RF of an independent code (esdiva 0.3.0, the Field II method): eight lines of it
-are in tests/reference, and those who have all 64 lines beside the repository see them compared. The ratio of
-the speeds needs that code itself, the extra `bench`.
+Accuracy means: compared with RF of an independent code (esdiva 0.3.0, the Field II method), of which eight
+lines are in tests/reference; where all 64 lines lie beside the repository, all are compared. The ratio of the
+speeds needs esdiva itself, which the extra `bench` installs.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ def accuracy() -> Iterator[Row]:
 
         envelopes = [log_compress(envelope(signals), 60.0) for signals in (ours, theirs)]
         yield image_row(f"60 dB image, focus {focus} mm: rms above -40 dB", *frames(data, ours, theirs))
-        yield image_row(f"the same, envelope on its own samples, focus {focus} mm", *envelopes)
+        yield image_row(f"the same, envelope at the RF's samples, focus {focus} mm", *envelopes)
         yield from points(data, i, focus, float(np.sqrt(np.square(theirs).sum() / np.square(ours).sum())))
 
 
@@ -91,7 +91,7 @@ def frames(data: dict[str, Floats], *signals: Floats) -> list[Floats]:
 
 
 def image_row(what: str, ours: Floats, theirs: Floats) -> Row:
-    """Compare images in dB above black where the other one is above -40 dB of 60."""
+    """Compare images in dB above black where the reference is above -40 dB of 60."""
     rms = float(np.sqrt(np.square(ours - theirs)[theirs > 20.0].mean()))
     return what, f"{rms:.2f} dB", "at most 1 dB"
 
@@ -133,7 +133,7 @@ def median_seconds(work: Callable[[], object], n: int) -> float:
 def speed(n: int) -> Iterator[Row]:
     """Time frames of the default phantom, tables warm, and the first frame at a new focal depth.
 
-    Focal depths take turns, so that a moment in which others use the cores is no single depth's.
+    Focal depths take turns, so that other users of the machine slow all depths alike.
     """
     phantom = Phantom()
     phantom.in_view(Pose(), *view(DEFAULT_ARRAY, DEFAULT_IMAGING))
@@ -158,7 +158,7 @@ def speed(n: int) -> Iterator[Row]:
 
 def environments(n: int) -> Iterator[Row]:
     """Time `n` episodes of random actions, a new phantom in each, frames simulated as the probe moves."""
-    hand = np.random.default_rng(0)
+    generator = np.random.default_rng(0)
     for env in (ProbePlaneRandomEnv(), FocalPointRandomEnv()):
         for depth in sorted({pose.focal_depth_mm for pose in env.task.states}):
             scan(Phantom(), Pose(0, depth))  # makes the table of this depth
@@ -167,7 +167,7 @@ def environments(n: int) -> Iterator[Row]:
         for _ in range(n):
             env.reset()
             for _ in range(env.task.n_steps):
-                env.step(int(hand.integers(len(env.task.actions))))
+                env.step(int(generator.integers(len(env.task.actions))))
         rate = n * env.task.n_steps / (time.perf_counter() - start)
         yield f"steps per second, {env.task.name}, a new phantom in each of {n} episodes", f"{rate:.0f}", "60"
 
@@ -184,7 +184,7 @@ def scaling() -> Iterator[Row]:
 
 
 def ratio() -> Iterator[Row]:
-    """Time a frame of RF, and the same frame by esdiva right after it."""
+    """Time a frame of RF, and the same frame by esdiva immediately afterwards."""
     from peer import Peer
 
     data = np.load(REFERENCE)
@@ -203,7 +203,7 @@ def ratio() -> Iterator[Row]:
     yield f"{what}: esdiva, fst", f"{theirs:.1f} s", ""
     yield "the same, RF: esdiva's time over ours", f"{theirs / ours:.0f}", "1000"
     yield "the same, I/Q, all that an image needs: esdiva's time over ours", f"{theirs / baseband:.0f}", ""
-    yield "correlation of both", f"{correlation(rf.astype(np.float64), expected):.5f}", "0.998"
+    yield "correlation of both signals", f"{correlation(rf.astype(np.float64), expected):.5f}", "0.998"
 
 
 def peak_memory_mb() -> float:
@@ -227,7 +227,7 @@ def all_frames() -> None:
 
 
 def from_nothing() -> Iterator[Row]:
-    """Run `all_frames` in a process and with a cache of its own."""
+    """Run `all_frames` in a separate process with an empty cache."""
     with tempfile.TemporaryDirectory() as folder:
         output = subprocess.run(
             [sys.executable, __file__, "--all-frames"],
@@ -245,7 +245,7 @@ def from_nothing() -> Iterator[Row]:
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--all-frames", action="store_true", help="only that part, in this process")
+    parser.add_argument("--all-frames", action="store_true", help="only simulate all frames, in this process")
     parser.add_argument(
         "--repeats", type=int, default=15, help="frames per focal depth and round (default 15)"
     )

@@ -1,8 +1,8 @@
 """Time and memory that training takes, here and in plain scripts: `make bench-train`.
 
-Each algorithm trains in a process of one thread, beside plain scripts (benchmarks/plain) of one thread and of
-as many as PyTorch takes by itself. They take turns, so that whoever else uses the machine slows all of them
-alike. Frames are simulated beforehand, and nothing is evaluated.
+Each algorithm trains in a process of one thread, beside plain scripts (benchmarks/plain) with one thread and
+with as many threads as PyTorch takes. The programs take turns, so that other users of the machine slow all of
+them alike. Frames are simulated beforehand, and nothing is evaluated.
 """
 
 import argparse
@@ -20,7 +20,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-# Until then compilers, caches and replay buffers warm up; value-based agents learn from step 500 on.
+# Compilers, caches and replay buffers warm up for these steps; value-based agents learn from step 500 on.
 WARM_UP = 512
 # This process stays small, since a child's peak memory begins with its parent's: it imports no torch.
 ALGOS = ("vpg", "a2c", "ppo", "dqn", "qrdqn", "trpo", "recurrent_ppo")
@@ -30,10 +30,10 @@ ASKED = 1.4
 CAPTION = (
     "Training on {task}: medians of {turns} turns of {steps} steps (or whole rollouts) after {warm_up} more. "
     '"plain" is benchmarks/plain, Stable-Baselines3 itself (vpg: a loop after Spinning Up), with one thread; '
-    '"plain, threads" is the same with as many as PyTorch takes. The same for all: environment, frames, '
-    "stacks, normalisation, network, hyperparameters, seed; from the same weights they learn the same up to "
-    "rounding (tests/test_plain_scripts.py). An update is one call of train(). The ratio is the plain time "
-    "per step to that here, turn by turn; asked for: at least {asked}."
+    '"plain, threads" is the same with as many threads as PyTorch takes. The same for all: environment, '
+    "frames, stacks, normalisation, network, hyperparameters, seed; from the same weights they learn the "
+    "same up to rounding (tests/test_plain_scripts.py). An update is one call of train(). The ratio is the "
+    "plain time per step to that here, turn by turn; asked for: at least {asked}."
 )
 
 
@@ -65,7 +65,7 @@ class Updates:
     """Counts the calls of a model's `train` and the CPU and wall seconds that they take."""
 
     def __init__(self, model: Any) -> None:
-        """Puts itself before `model.train`."""
+        """Replaces `model.train` by a call that counts."""
         self.count, self.cpu, self.wall = 0, 0.0, 0.0
         self._train, model.train = model.train, self
 
@@ -79,7 +79,7 @@ class Updates:
 
 
 def child(program: str, algo: str, task: str) -> None:
-    """Train `algo` in this process: as many steps a turn as standard input says; print what each took."""
+    """Train `algo` in this process: standard input says the steps of each turn; print what each turn took."""
     model = make(program, algo, task)
     model.learn(WARM_UP)
     updates = Updates(model)
@@ -103,7 +103,7 @@ def child(program: str, algo: str, task: str) -> None:
 
 @contextlib.contextmanager
 def training(program: str, algo: str, task: str, threads: Mapping[str, str]) -> Iterator[Any]:
-    """A process that trains on demand; gives a function from a number of steps to what they took."""
+    """A process that trains on demand, as a function from a number of steps to what these took."""
     inherited = {name: value for name, value in os.environ.items() if name not in ONE_THREAD}
     command = [sys.executable, __file__, "--child", program, "--algos", algo, "--task", task]
     with subprocess.Popen(

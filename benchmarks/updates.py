@@ -1,7 +1,7 @@
-"""How large the steps of a policy were, and how sure it became, beside what it came to: per trial, a table.
+"""How large the updates of a policy were, how certain the policy became, and the score: a row per trial.
 
-From the TensorBoard events that every trial keeps, for algorithms that write `train/approx_kl`, as PPO does:
-means over the first tenth, the first quarter after it, and the rest of training.
+The numbers come from the TensorBoard events of each trial, for algorithms that write `train/approx_kl`, as
+PPO does: means over the first tenth of training, the time up to the first quarter, and the rest.
 """
 
 import argparse

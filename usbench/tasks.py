@@ -26,7 +26,7 @@ class Row:
         steps: Training budget in environment steps (251 updates of 64 steps in the paper).
         checkpoints: Evaluations after the one before training, spread evenly over the budget.
         repeats: Evaluation episodes from each start pose.
-        drawn_starts: In place of that, evaluation episodes from so many different starts; 0 for all of them.
+        drawn_starts: Number of different starts of the evaluation, drawn from all; 0 takes every start.
         phantoms: Phantoms of the evaluation, none of which training meets; 0 where there is one for both.
         single: The same task on one phantom, where this one has many.
         silent: Columns of the leaderboard that say nothing about it.

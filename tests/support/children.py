@@ -1,4 +1,4 @@
-"""What the processes do that are killed here: they begin within milliseconds, and their trials are quick."""
+"""The processes that tests kill: they start within milliseconds, and their trials are quick."""
 
 import contextlib
 import functools
@@ -14,7 +14,7 @@ from usbench import cli, records
 from usbench.compare import sweep
 from usbench.trials import resume_files, runner
 
-# Forked from a process that has imported everything; spawned ones would spend their short lives on that.
+# Forked from a process that has imported everything: a spawned process would spend its time on imports.
 CONTEXT = multiprocessing.get_context("forkserver")
 CONTEXT.set_forkserver_preload(
     # The first optimizer imports torch._dynamo, which takes longer than these trials.
@@ -22,7 +22,7 @@ CONTEXT.set_forkserver_preload(
     + ["torch.utils.tensorboard", "torch._dynamo"]
 )
 
-# Of what never ends; long, since trials take their time on a machine that has other work.
+# For processes that never end; long, since a machine with other work is slow.
 LIMIT_S = 1800
 
 
@@ -47,9 +47,9 @@ def ended(process):
 
 
 def _begin(seconds, what, *arguments):
-    # A session of its own, so that all of it can be killed at once.
+    # A new session, so that all processes of it can be killed at once.
     os.setsid()
-    # What runs in the background ignores Ctrl-C, and hands that on.
+    # A shell starts background processes with Ctrl-C ignored, and their children inherit that.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     os.environ[resume_files.INTERVAL] = str(seconds)
     os.environ["USBENCH_THREADS"] = "1"
@@ -111,7 +111,7 @@ def workers(pid):
 
 
 def session(pid):
-    """All that is left of what `start` began, zombies too: workers, and their helpers."""
+    """All processes that are left of what `start` began, zombies too: workers and their helpers."""
     return _processes(3, pid)
 
 

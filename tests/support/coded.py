@@ -4,7 +4,7 @@ import numpy as np
 
 
 class CodedFrames:
-    """Stands in for the simulator: the frame tells the pose from which it was taken."""
+    """Stands in for the simulator: each frame holds the pose from which it was taken."""
 
     def frame(self, pose):
         frame = np.zeros((90, 40), np.uint8)

@@ -1,4 +1,4 @@
-"""What the tests of the RF share: echoes of single points, and how alike two signals are."""
+"""What the tests of the RF share: echoes of single points, and the correlation of two signals."""
 
 import math
 

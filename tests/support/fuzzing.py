@@ -1,4 +1,4 @@
-"""What tests with generated input share: strategies, and the count of what was tried."""
+"""What tests with generated input share: strategies, and the count of the inputs that were tried."""
 
 import os
 from collections import Counter
@@ -44,7 +44,7 @@ JSON = st.recursive(
 
 
 def report(request):
-    """What the fixture of a module that fuzzes does: say how many inputs were tried."""
+    """The fixture of a module with generated input: it reports how many inputs were tried."""
     TRIED.clear()
     yield
     terminal, capture = (
@@ -61,7 +61,7 @@ def one_sentence(text):
 
 
 def tried(kind, call, *refusals):
-    """Call; one of `refusals`, if it comes, has to be a sentence. Returns the result, None if refused."""
+    """Call, and check that a refusal is one sentence; return the result, or None where it was refused."""
     try:
         result = call()
     except refusals as error:

@@ -49,7 +49,7 @@ def curve(kind, name, step, score):
 
 
 def curves(row):
-    """Return the curves of a trial: from 0 through half its score to its score; drawn actions lose 0.1."""
+    """Return the curves of a trial: from 0 through half its score to its score; sampled actions lose 0.1."""
     name, steps, score = row["trial"], row["steps"], row["score"]
     shares = (0, 0.5, 1) if steps else (1,)
     return [

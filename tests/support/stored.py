@@ -1,4 +1,4 @@
-"""A scene whose frames are quickly made, for the tests of what is kept of them."""
+"""A scene whose frames are made quickly, for the tests of stored frames."""
 
 import numpy as np
 
@@ -12,6 +12,6 @@ POSES = [Pose(x, 50, 0) for x in (-5, 0, 5)]
 
 
 def coded_scan(phantom, pose, array, imaging):
-    """Stands in for `scan`: the frame tells what it was made of."""
+    """Stands in for `scan`: the frame's grey level tells pose and phantom."""
     value = (pose.x_mm + 20 + pose.focal_depth_mm + phantom.seed) % 256
     return np.full((imaging.height_px, imaging.width_px), value, np.uint8)

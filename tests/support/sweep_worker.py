@@ -1,4 +1,4 @@
-"""What a worker process of the tests begins with: drawn frames in place of simulated ones, and accidents."""
+"""How worker processes of the tests start: with drawn frames in place of simulated ones, or to die."""
 
 import os
 import signal
@@ -14,7 +14,7 @@ def quick():
 
 
 def dying():
-    """Quick, and every trial of `stay` kills its process."""
+    """Make trials of this process quick, and let every trial of `stay` kill its process."""
     quick()
     from usbench.trials import runner
 
@@ -39,9 +39,9 @@ def busy(dask_worker):
 
 
 def dawdle_once(mark, config, out, progress):
-    """Run a trial; one of vpg dawdles the first time.
+    """Run a trial; the first trial of vpg waits.
 
-    Until its process is killed, nobody waits for it, or `mark`.end is there.
+    It waits until its process is killed, until the trial is given up, or until `mark`.end exists.
     """
     from usbench.compare import sweep
 

@@ -1,4 +1,4 @@
-"""Small trials of every algorithm, how they end, and what of them must have the same bits."""
+"""Small trials of every algorithm, how tests end them, and which of their results must have the same bits."""
 
 import pytest
 import torch
@@ -11,7 +11,7 @@ from usbench.trials.configuration import resolve
 
 LEARNERS = [algo for algo, row in zoo.ZOO.items() if row.learns]
 STEPS = 64
-# So small that all of them have learned from something within these steps.
+# So small that every algorithm makes updates within these steps.
 SMALL = {
     "vpg": {"n_steps": 16},
     "a2c": {"n_steps": 16},
@@ -53,7 +53,7 @@ def _numbers(value):
 
 
 ENDED_AT = 44
-# Progress is told of whole episodes.
+# A trial reports its progress after whole episodes.
 FIRST_TOLD = 16
 
 
@@ -62,7 +62,7 @@ class Killed(BaseException):
 
 
 class Until(callback.Silent):
-    """Ends a trial at a step, and keeps the first step that it was told."""
+    """Ends a trial at a step, and keeps the first step that the trial reported."""
 
     def __init__(self, step=None, error=Killed):
         self.step, self.error, self.first = step, error, None
@@ -85,7 +85,7 @@ def ended(out, algo="vpg", step=ENDED_AT, error=Killed):
 
 
 def go_on(folder, algo="vpg"):
-    """Run the trial to its end; return the first step that was heard of."""
+    """Run the trial to its end; return the first step that the trial reported."""
     progress = Until()
     assert not runner.run_trial(config(algo), folder.parent, progress=progress).skipped
     return progress.first

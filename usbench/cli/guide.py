@@ -35,7 +35,9 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
     guide.add_argument("--task", metavar="NAME", help="task to begin with (default: the trial's, or pp)")
     guide.add_argument("--noise", type=number, metavar="P", help="0..1 (default: the trial's, or 0)")
     add_probe_and_imaging(guide)
-    guide.add_argument("--seed", type=number, metavar="N", help="of the episodes (default: drawn)")
+    guide.add_argument(
+        "--seed", type=number, metavar="N", help="seed of the episodes (default: a random one)"
+    )
     guide.add_argument(
         "--runs", type=Path, default=Path("runs"), metavar="DIR", help="folder with trials (default runs)"
     )

@@ -44,7 +44,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         "--finalists",
         type=number,
         metavar="N",
-        help="train so many of the best again, on the paper's tasks with other seeds (default none)",
+        help="number of best candidates to train again, on the paper's tasks with other seeds (default 0)",
     )
     add_sweep(search)
     search.set_defaults(call=_call, interrupted=GOES_ON)

@@ -43,7 +43,7 @@ class Progress(Protocol):
         """`done` of `total` frames are simulated."""
 
     def started(self, n_missing: int, n_finished: int, expected_s: float | None) -> None:
-        """So many trials are to be run and so many are finished; None where no record tells how long."""
+        """`n_missing` trials will run, `n_finished` are finished; `expected_s` is None if unknown."""
 
     def ended(self, outcome: Outcome) -> None:
         """A trial has ended."""
@@ -53,7 +53,7 @@ class Progress(Protocol):
 
 
 def processes(initializer: Callable[[], None] | None = None) -> Executor:
-    """Return an executor for one trial at a time in a process of its own, which `initializer` prepares."""
+    """Return an executor for one trial at a time in a separate process, which `initializer` prepares."""
     # Spawned, not forked: a fork would inherit torch's threads and the parent's random states.
     return ProcessPoolExecutor(
         1, multiprocessing.get_context("spawn"), initializer=_begin, initargs=(initializer,)

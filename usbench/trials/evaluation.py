@@ -16,7 +16,7 @@ from usbench.coordinates import BY_NAME, TARGET
 from usbench.records import Evaluation
 from usbench.setting import Setting
 
-# Seed of the actions that a stochastic agent draws in evaluations; the episodes' own seeds are the suite's.
+# Seed of sampled actions in evaluations; the seeds of the episodes come from the suite.
 ACTION_SEED = 20_190_001
 
 

@@ -59,7 +59,7 @@ class SweepBars:
             self._say(f"simulating frames: {done} of {total}")
 
     def started(self, n_missing: int, n_finished: int, expected_s: float | None) -> None:
-        """So many trials are to be run and so many are finished."""
+        """`n_missing` trials will run and `n_finished` are finished."""
         self._missing, self._ended = n_missing, 0
         self._task = self._bar.add_task("trials", total=n_missing)
         told = f"{n_missing} trials to run, {n_finished} finished already"
