@@ -112,7 +112,9 @@ class Pose:
     def moved(self, move: Move, limits: Limits = LIMITS) -> Self:
         """Return the pose after `move`; a coordinate that would leave its limits keeps its value."""
         names = coordinates(self)
-        return type(self)(*(limits.kept(name, getattr(self, name), getattr(move, name)) for name in names))
+        return type(self)(
+            **{name: limits.kept(name, getattr(self, name), getattr(move, name)) for name in names}
+        )
 
     def to_probe(self, positions: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """Return positions of the phantom (n, 3) m as seen from the probe, (n, 3) m.

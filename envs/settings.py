@@ -11,7 +11,7 @@ from usbench.envs.pose import Pose
 from usbench.envs.probe import LinearArray
 
 
-@dataclass(frozen=True, order=True)
+@dataclass(frozen=True, order=True, kw_only=True)
 class Setup(Pose):
     """A pose with settings that stand in place of the array's and the imaging's own.
 
@@ -29,7 +29,7 @@ def tuned(pose: Pose, array: LinearArray, imaging: Imaging) -> tuple[Pose, Linea
     if not isinstance(pose, Setup):
         return pose, array, imaging
     return (
-        Pose(pose.x_mm, pose.focal_depth_mm, pose.angle_deg),
+        Pose(**{name: getattr(pose, name) for name in POSE}),
         replace(array, center_frequency=pose.frequency_khz * 1e3),
         replace(imaging, dynamic_range_db=pose.dynamic_range_db),
     )

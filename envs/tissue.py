@@ -23,6 +23,8 @@ class Scatterers(Protocol):
     def in_view(self, pose: Pose, half_width_m: float, half_thickness_m: float) -> tuple[Array, Array]:
         """Return positions (n, 3) m in the probe's coordinate system and amplitudes (n,) of what is seen.
 
+        Seen is what lies in front of the probe, at depths above 0, and within these bounds.
+
         Args:
             pose: Of the probe.
             half_width_m: How far the view reaches from the probe's centre along the array.

@@ -95,9 +95,12 @@ def test_the_oracle_earns_the_anchors_optimum_on_the_whole_list(name, quick, mon
 
 def test_the_planner_knows_where_each_phantoms_object_is():
     planner = oracle.Planner(oracle.DecisionProcess(PROBE_PLANE))
-    assert planner.action(0, (0, 50, 0)) == 0
-    assert planner.action(0, (0, 50, 0), (10, 45, 0)) == 2
-    assert planner.action(0, (10, 50, 0), (10, 45, 30)) == 4
+    here, beside, turned = (
+        dataclasses.astuple(pose) for pose in (Pose(0, 50, 0), Pose(10, 45, 0), Pose(10, 45, 30))
+    )
+    assert planner.action(0, here) == 0
+    assert planner.action(0, here, beside) == 2
+    assert planner.action(0, beside[:1] + here[1:], turned) == 4
 
 
 def test_episodes_that_the_agent_ends_are_recorded_in_the_lists_order(quick):

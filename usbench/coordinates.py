@@ -1,12 +1,30 @@
 """The coordinates of a pose and the scanner's settings, one row each: what all of usbench says of them.
 
-Poses, moves and limits, slips in words, labels of axes and the columns of records follow from these rows.
+Poses, moves and limits, slips in words, labels of axes, the columns of records and the guide's keys
+follow from these rows.
 This module imports nothing of the project, so that all of it can read the table.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
+
+
+class Key(NamedTuple):
+    """How a person changes a coordinate on the guide's page.
+
+    Attributes:
+        advice: The words that advise this change.
+        key: The key that makes this change, as browsers name it.
+        key_label: What is printed on that key.
+        icon: Name of the arrow, one of the page's symbols.
+    """
+
+    advice: str
+    key: str
+    key_label: str
+    icon: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,6 +43,7 @@ class Coordinate:
         least: Smallest value that a pose can have; None for any.
         period: After how much values come round again; None where they do not.
         is_setting: Whether it is one of the scanner, which plain poses do not have.
+        keys: Of a negative and of a positive change on the guide's page; None where the page has none.
     """
 
     name: str
@@ -38,6 +57,7 @@ class Coordinate:
     least: int | None = None
     period: int | None = None
     is_setting: bool = False
+    keys: tuple[Key, Key] | None = None
 
     def change_in_words(self, change: int) -> str:
         """Return a change as a person says it, "5 mm to the left" for example."""
@@ -49,14 +69,23 @@ COORDINATES = (
     Coordinate(
         name="x_mm", label="position of the probe (mm)", value="x {} mm",
         less="to the left", more="to the right", change="{:g} mm", limits=(-20, 20),
+        keys=(Key("move left", "ArrowLeft", "←", "left"), Key("move right", "ArrowRight", "→", "right")),
     ),
     Coordinate(
         name="focal_depth_mm", label="focal depth (mm)", value="{} mm deep",
         less="shallower", more="deeper", change="{:g} mm", limits=(5, 90), least=1,
+        keys=(
+            Key("move the focus up", "ArrowUp", "↑", "up"),
+            Key("move the focus down", "ArrowDown", "↓", "down"),
+        ),
     ),
     Coordinate(
         name="angle_deg", label="angle (degrees)", value="{} degrees",
         less="counter-clockwise", more="clockwise", change="{:g}°", period=360,
+        keys=(
+            Key("rotate counter-clockwise", "e", "E", "counter-clockwise"),
+            Key("rotate clockwise", "r", "R", "clockwise"),
+        ),
     ),
     Coordinate(
         name="frequency_khz", label="frequency (kHz)", value="{} kHz",

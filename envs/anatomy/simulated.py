@@ -58,6 +58,7 @@ class Echogenicity(Anatomy):
         tissue, amplitudes = _scatterers(self)
         positions = pose.to_probe(tissue)
         seen = (np.abs(positions[:, 0]) <= half_width_m) & (np.abs(positions[:, 1]) <= half_thickness_m)
+        seen &= positions[:, 2] > 0  # a pose that leans has tissue behind the probe
         return positions[seen], amplitudes[seen]
 
     def recorded_frame(self, pose: Pose, shape: tuple[int, int], pixel_size: float) -> None:

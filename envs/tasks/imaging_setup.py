@@ -77,7 +77,7 @@ def distance_mm(pose: Pose, target: Pose) -> float:
 
 
 _STATES = tuple(
-    Setup(0, depth_mm, 0, frequency_khz, range_db)
+    Setup(0, depth_mm, 0, frequency_khz=frequency_khz, dynamic_range_db=range_db)
     for frequency_khz in range(2_000, 5_001, 1_000)
     for depth_mm in range(30, 81, 10)
     for range_db in range(20, 91, 10)

@@ -84,6 +84,21 @@ def test_in_view_is_the_slab_under_the_probe(phantom):
     assert len(phantom.in_view(Pose(), 0.020, 0.0025)[0]) < len(positions)
 
 
+@dataclasses.dataclass(frozen=True)
+class Sunk(Pose):
+    """A pose of another kind, from which some tissue lies behind the probe."""
+
+    def to_probe(self, positions):
+        return super().to_probe(positions) - [0, 0, 0.02]
+
+
+def test_in_view_is_what_lies_in_front_of_the_probe(phantom):
+    positions, amplitudes = phantom.in_view(Sunk(), *VIEW)
+    every, _ = phantom.in_view(Pose(), *VIEW)
+    assert positions[:, 2].min() > 0 and len(positions) == len(amplitudes)
+    np.testing.assert_array_equal(positions, every[every[:, 2] > 0.02] - [0, 0, 0.02])
+
+
 def test_the_tissue_stays_where_it_is_when_the_probe_moves(phantom):
     seen, amplitudes = phantom.in_view(Pose(5, 50, 0), *VIEW)
     expected = phantom.in_view(Pose(0, 50, 0), 0.025, 0.005)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from stored import SCENE
 
+from usbench.coordinates import BY_NAME
 from usbench.envs import scanner
 from usbench.envs.bmode import Imaging
 from usbench.envs.frames import FrameStore
@@ -13,13 +14,19 @@ from usbench.envs.probe import LinearArray
 from usbench.envs.settings import Setup, as_row, from_row, in_words, table_of, tuned
 
 LIMITS = Limits(frequency_khz=(2_000, 5_000), dynamic_range_db=(20, 90))
-SETUP = Setup(5, 60, 30, 3_000, 40)
+SETUP = Setup(5, 60, 30, frequency_khz=3_000, dynamic_range_db=40)
 
 
 def test_a_move_changes_the_settings_within_their_limits_and_leaves_the_rest():
-    assert SETUP.moved(Move(frequency_khz=1_000), LIMITS) == Setup(5, 60, 30, 4_000, 40)
-    assert SETUP.moved(Move(dynamic_range_db=-20), LIMITS) == Setup(5, 60, 30, 3_000, 20)
-    assert SETUP.moved(Move(x_mm=-5, angle_deg=-45), LIMITS) == Setup(0, 60, 345, 3_000, 40)
+    assert SETUP.moved(Move(frequency_khz=1_000), LIMITS) == Setup(
+        5, 60, 30, frequency_khz=4_000, dynamic_range_db=40
+    )
+    assert SETUP.moved(Move(dynamic_range_db=-20), LIMITS) == Setup(
+        5, 60, 30, frequency_khz=3_000, dynamic_range_db=20
+    )
+    assert SETUP.moved(Move(x_mm=-5, angle_deg=-45), LIMITS) == Setup(
+        0, 60, 345, frequency_khz=3_000, dynamic_range_db=40
+    )
     for blocked in (Move(frequency_khz=3_000), Move(frequency_khz=-2_000), Move(dynamic_range_db=60)):
         assert SETUP.moved(blocked, LIMITS) == SETUP
     assert Pose(5, 60, 30).moved(Move(frequency_khz=1_000), LIMITS) == Pose(5, 60, 30) != SETUP
@@ -62,7 +69,8 @@ def test_settings_stand_in_place_of_the_arrays_and_the_imagings():
 def test_rows_words_and_names():
     for pose in (SETUP, Pose(-5, 50, 15)):
         assert from_row(as_row(pose)) == pose and type(from_row(as_row(pose))) is type(pose)
-    assert as_row(Pose(-5, 50, 15)) == (-5, 50, 15, 0, 0)
+    numbers = dict(zip(BY_NAME, as_row(Pose(-5, 50, 15)), strict=True))
+    assert numbers == dict.fromkeys(BY_NAME, 0) | {"x_mm": -5, "focal_depth_mm": 50, "angle_deg": 15}
     assert in_words(Setup(frequency_khz=3_500)) == ["3.5 MHz", "60 dB"] and in_words(Pose()) == []
     assert coordinates(SETUP) == (*coordinates(Pose()), "frequency_khz", "dynamic_range_db")
     assert table_of(SETUP) == (60, 3_000) != table_of(Pose(5, 60, 30))
@@ -78,21 +86,25 @@ def test_frames_follow_their_settings(monkeypatch):
 
     monkeypatch.setattr(scanner, "simulate_iq", simulate)
     phantom = Phantom(attenuation_db_per_cm_mhz=0.5)
-    narrow, wide = (scanner.scan(phantom, Setup(0, 60, 0, 4_000, db)) for db in (20, 60))
+    narrow, wide = (
+        scanner.scan(phantom, Setup(0, 60, 0, frequency_khz=4_000, dynamic_range_db=db)) for db in (20, 60)
+    )
     assert simulated == [(4e6, 60e-3, 0.5)] * 2
     assert (narrow == 0).sum() > (wide == 0).sum()  # weak echoes are black
-    scanner.scan(phantom, Setup(0, 60, 0, 3_000, 60))
+    scanner.scan(phantom, Setup(0, 60, 0, frequency_khz=3_000, dynamic_range_db=60))
     scanner.scan(phantom, Pose(0, 60, 0))
     assert [frequency for frequency, *_ in simulated] == [4e6, 4e6, 3e6, 3.5e6]
 
 
 def test_frames_of_settings_are_kept_beside_those_of_plain_poses(scans, monkeypatch):
     def scan(phantom, pose, array, imaging):
-        return np.full((90, 40), as_row(pose)[4], np.uint8)
+        return np.full((90, 40), getattr(pose, "dynamic_range_db", 0), np.uint8)
 
     for module in ("frames", "scanner"):
         monkeypatch.setattr(f"usbench.envs.{module}.scan", scan)
-    poses = [Setup(0, 50, 0, khz, db) for khz in (2_000, 3_000) for db in (20, 40)] + [Pose(0, 50, 0)]
+    poses = [
+        Setup(0, 50, 0, frequency_khz=khz, dynamic_range_db=db) for khz in (2_000, 3_000) for db in (20, 40)
+    ] + [Pose(0, 50, 0)]
     FrameStore(*SCENE).prepare(poses)
     monkeypatch.setattr("usbench.envs.frames.scan", lambda *_: pytest.fail("simulated again"))
     other = FrameStore(*SCENE)

@@ -21,7 +21,7 @@ from usbench.watch import snapshot
 from usbench.watch.snapshot_option import Source
 
 OFF_GRID = Pose(7, 37, 63)
-SETUP = Setup(0, 50, 0, 3_000, 40)
+SETUP = Setup(0, 50, 0, frequency_khz=3_000, dynamic_range_db=40)
 # 60 mm wide, and square frames of pixels of half a millimetre.
 WIDE = Source(Phantom(), "", LinearArray(n_lines=96), Imaging(height_px=128, width_px=128, pixel_size=0.5e-3))
 

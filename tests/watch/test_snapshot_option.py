@@ -17,14 +17,22 @@ from usbench.watch.snapshot_option import Source
 
 def test_pose_without_settings_is_plain_and_one_setting_brings_the_default_of_the_other():
     assert snapshot_option.pose(Source(), 1, 37, -30) == Pose(1, 37, 330)
-    assert snapshot_option.pose(Source(), 0, 50, 0, frequency_mhz=2.5) == Setup(0, 50, 0, 2_500, 60)
-    assert snapshot_option.pose(Source(), 0, 50, 0, dynamic_range_db=40) == Setup(0, 50, 0, 3_500, 40)
+    assert snapshot_option.pose(Source(), 0, 50, 0, frequency_mhz=2.5) == Setup(
+        0, 50, 0, frequency_khz=2_500, dynamic_range_db=60
+    )
+    assert snapshot_option.pose(Source(), 0, 50, 0, dynamic_range_db=40) == Setup(
+        0, 50, 0, frequency_khz=3_500, dynamic_range_db=40
+    )
 
 
 def test_the_setting_that_is_not_given_is_that_of_probe_and_imaging():
     source = Source(probe=LinearArray(center_frequency=5e6), imaging=Imaging(dynamic_range_db=50))
-    assert snapshot_option.pose(source, 0, 50, 0, frequency_mhz=4) == Setup(0, 50, 0, 4_000, 50)
-    assert snapshot_option.pose(source, 0, 50, 0, dynamic_range_db=40) == Setup(0, 50, 0, 5_000, 40)
+    assert snapshot_option.pose(source, 0, 50, 0, frequency_mhz=4) == Setup(
+        0, 50, 0, frequency_khz=4_000, dynamic_range_db=50
+    )
+    assert snapshot_option.pose(source, 0, 50, 0, dynamic_range_db=40) == Setup(
+        0, 50, 0, frequency_khz=5_000, dynamic_range_db=40
+    )
 
 
 def test_a_frequency_that_the_probe_does_not_sample_is_refused():

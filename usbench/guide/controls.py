@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from usbench.coordinates import POSE
+from usbench.coordinates import COORDINATES, Key
 from usbench.envs.pose import Move
 from usbench.envs.task import Task
 
@@ -26,17 +26,8 @@ class Control:
     icon: str
 
 
-STAY = ("hold still", " ", "Space", "hold")
-STOP = ("stop here", "s", "S", "stop")
-# Coordinate and direction of the move -> advice, key, label of the key, icon.
-MOVES = {
-    ("x_mm", -1): ("move left", "ArrowLeft", "←", "left"),
-    ("x_mm", 1): ("move right", "ArrowRight", "→", "right"),
-    ("focal_depth_mm", -1): ("move the focus up", "ArrowUp", "↑", "up"),
-    ("focal_depth_mm", 1): ("move the focus down", "ArrowDown", "↓", "down"),
-    ("angle_deg", -1): ("rotate counter-clockwise", "e", "E", "counter-clockwise"),
-    ("angle_deg", 1): ("rotate clockwise", "r", "R", "clockwise"),
-}
+STAY = Key("hold still", " ", "Space", "hold")
+STOP = Key("stop here", "s", "S", "stop")
 
 
 def controls(task: Task) -> list[Control]:
@@ -47,9 +38,9 @@ def controls(task: Task) -> list[Control]:
     return [Control(action.name, *row) for action, row in zip(task.actions, rows, strict=True)]
 
 
-def _row(move: Move) -> tuple[str, str, str, str]:
-    for name in POSE:
-        change = getattr(move, name)
-        if change:
-            return MOVES[name, 1 if change > 0 else -1]
+def _row(move: Move) -> Key:
+    for one in COORDINATES:
+        change = getattr(move, one.name)
+        if change and one.keys:
+            return one.keys[change > 0]
     return STAY

@@ -84,8 +84,8 @@ def pose(
             found.x_mm,
             found.focal_depth_mm,
             found.angle_deg,
-            _frequency_khz(source.probe, frequency_mhz),
-            _range_db(source.imaging, dynamic_range_db),
+            frequency_khz=_frequency_khz(source.probe, frequency_mhz),
+            dynamic_range_db=_range_db(source.imaging, dynamic_range_db),
         )
         tuned(setup, source.probe, source.imaging)  # refuses a frequency that this probe does not sample
         return setup

@@ -235,7 +235,7 @@ def test_the_oracle_earns_its_value_in_the_environment(task):
             action = best.action(step, tuple(info[name] for name in task.coordinates))
             _, reward, _, _, info = env.step(action)
             earned += reward
-        assert env.pose == Setup(0, 60, 0, 3_000, 40)
+        assert env.pose == Setup(0, 60, 0, frequency_khz=3_000, dynamic_range_db=40)
         assert earned == pytest.approx(best.value(0, start))
 
 
