@@ -90,7 +90,7 @@ def test_it_is_trained_evaluated_and_read_back_like_any_other(installed, tmp_pat
     assert done.returncode == 0, done.stderr
     (trial,) = records.load_trials(tmp_path / "runs")
     assert trial.status == "finished" and trial.config.environment["id"] == "other/Upright-v0"
-    assert "upright" in command(tmp_path, "list").stdout
+    assert "upright" in command(tmp_path, "list", start=("-m", "usbench")).stdout
 
 
 def test_a_broken_package_ends_the_command_with_status_2(installed, tmp_path):

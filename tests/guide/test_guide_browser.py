@@ -198,6 +198,14 @@ def test_frame_and_scene_follow_probe_and_imaging(square, width):
     assert frame["width"] == pytest.approx(frame["height"], abs=1) and frame["width"] > 200
     assert inside(frame, square.locator(".frame").bounding_box())
     assert square.locator("#frame-axes text").all_text_contents()[-3:] == ["\u221232", "0", "+32"]
+    # In mm, whatever the size of a pixel: the pointer of the focus is beside its number.
+    heights = dict(
+        square.locator("#frame-axes text").evaluate_all(
+            "labels => labels.map((label) => [label.textContent, Number(label.getAttribute('y'))])"
+        )
+    )
+    focus = float(square.locator("#frame-axes .pointer").get_attribute("points").split()[1])
+    assert focus == pytest.approx(5 * (heights["50"] - heights["40"]))
     assert square.locator("#above .plane").get_attribute("x2") == "30"
     # Where the probe is at its limit, its picture ends within the view.
     for step in range(8):
