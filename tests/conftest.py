@@ -68,7 +68,7 @@ def trial_on(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def undisturbed(tmp_path_factory):
-    """`undisturbed(algo)`, in a quick test: a trial that nothing happened to, its checkpoints far apart."""
+    """`undisturbed(algo)`, in a quick test: a trial that nothing interrupted, with few resume files."""
     import trials
 
     from usbench.trials import resume_files, runner
@@ -87,7 +87,7 @@ def undisturbed(tmp_path_factory):
 
 @pytest.fixture
 def often(quick, monkeypatch):
-    """A checkpoint before every rollout."""
+    """A resume file before every rollout."""
     from usbench.trials import resume_files
 
     monkeypatch.setenv(resume_files.INTERVAL, "0")

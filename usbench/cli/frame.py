@@ -18,9 +18,9 @@ EXAMPLES = """examples:
   usbench frame --task pp-random --number 7 --angle 30
       the phantom of an episode, whose records name it
   usbench defaults probe > probe.toml; usbench frame --probe probe.toml
-      with a probe of your own, once you have changed its fields
+      with another probe, once you have changed the fields of probe.toml
   usbench frame --angle 30 --phantom spine.mha frames=recorded
-      of a volume of your own (docs/anatomy.md)
+      of a custom anatomy (docs/anatomy.md)
 """
 
 

@@ -54,7 +54,7 @@ class Cluster(Executor):
         except BaseException:
             self._client.close()
             raise
-        # Each call is a trial of its own, however alike; a worker that dies costs no retry.
+        # Each call is another trial, even where arguments are equal; a worker that dies costs no retry.
         self._remote = self._client.get_executor(pure=False, retries=2)
         # Writing would hold up the thread that talks to the cluster.
         self._writer = ThreadPoolExecutor(1)

@@ -28,7 +28,7 @@ class Episode:
         return_: Sum of rewards; the key in files is `return`.
         poses: Coordinates of the start (`start_x_mm`, ..) and of the final pose (`final_x_mm`, ..), with the
             scanner's settings where the task changes them; and of the pose that shows the object best
-            (`target_x_mm`, ..) where that is not the paper's. In files each has a key of its own.
+            (`target_x_mm`, ..) where that is not the paper's. In files each has a separate key.
         final_distance_mm: Distance from the object as the task defines it.
         final_sin_angle: Sine of the angle between image plane and object.
         is_success: Whether the final pose is the goal.

@@ -86,8 +86,8 @@ def _recorded(folder: Path, algo: str | None, task: str | None) -> TrialConfig:
         foreign = config.algo not in zoo.ZOO and config.algo not in plugins.registered()
         if foreign and ":" in config.algo and algo is None:
             raise ConfigurationError(
-                f"{path} names an algorithm of its own, {config.algo!r}, whose code would run: name it too "
-                "if you trust it."
+                f"{path} names an algorithm outside this package, {config.algo!r}, whose code would run: "
+                "name it too if you trust it."
             )
         hyperparameters = zoo.hyperparameters(config.algo, config.task, config.hyperparameters)
         check_seed(config.seed)
