@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 ALGO ?= ppo
 STAMP := $(VENV)/.installed
 
-.PHONY: help run test test-extras test-faults slow lint format typecheck bench-sim bench-train compare leaderboard search figures failures scores docs clean
+.PHONY: help run test test-extras test-faults slow lint format typecheck bench-sim bench-vector bench-train compare leaderboard search ceilings figures failures scores docs clean
 .DEFAULT_GOAL := help
 
 help:  ## show the jobs
@@ -24,9 +24,10 @@ test: $(STAMP)  ## run the tests (without the slow ones)
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m "not slow and not faults" -n auto --dist worksteal
 
 # Without these packages the tests that need them are skipped.
-test-extras: $(STAMP)  ## install what some tests need beside the package: Weights & Biases, RL Baselines3 Zoo
+test-extras: $(STAMP)  ## install what some tests need beside the package: Weights & Biases, RL Baselines3 Zoo, ultrasound-metrics
 	$(BIN)/python -m pip install --disable-pip-version-check --quiet -c constraints.txt -e '.[dev,wandb]'
-	$(BIN)/python -m pip install --disable-pip-version-check --quiet --no-deps -r tests/rl_zoo3.txt
+	$(BIN)/python -m pip install --disable-pip-version-check --quiet --no-deps \
+		-r tests/rl_zoo3.txt -r tests/ultrasound_metrics.txt
 
 slow: $(STAMP)  ## run the slow tests (learning, timing)
 	$(BIN)/python -m pytest -m slow
@@ -62,19 +63,25 @@ docs: $(VENV)/.docs  ## build the site into build/docs, the notebook run anew; a
 	$(BIN)/sphinx-build --quiet --fresh-env --fail-on-warning --keep-going -d build/doctrees docs build/docs
 
 compare: $(STAMP)  ## run what is missing of the paper's grid for every algorithm (many hours), write leaderboard.md
-	$(BIN)/usbench compare --algos vpg a2c ppo dqn qrdqn trpo recurrent_ppo
+	$(BIN)/usbench compare
 
 leaderboard: $(STAMP)  ## write leaderboard.md and its figures again, from leaderboard_files/ alone
 	$(BIN)/usbench leaderboard
 
-search: $(STAMP)  ## search hyperparameters of an algorithm (many hours): make search ALGO=ppo
-	$(BIN)/usbench search --algo $(ALGO)
+search: $(STAMP)  ## choose hyperparameters by the protocol (many hours): of all rows, or make search ALGO=ppo
+	$(BIN)/usbench search $(if $(ALGO),--algo $(ALGO))
 
 bench-sim: $(VENV)/.bench  ## accuracy and speed of the simulator, as a table
 	$(BIN)/python benchmarks/simulator.py
 
+bench-vector: $(STAMP)  ## steps per second of every task, with 1 and 16 environments, as a table
+	$(BIN)/python benchmarks/vector.py
+
 bench-train: $(STAMP)  ## time and memory that training takes, beside plain scripts, as a table
 	$(BIN)/python benchmarks/training.py
+
+ceilings: $(STAMP)  ## the largest scores that an agent's knowledge allows (some minutes)
+	$(BIN)/python benchmarks/ceilings.py
 
 figures: $(STAMP)  ## draw the figures of docs/physics.md and print the widths of a point
 	$(BIN)/python benchmarks/figures.py

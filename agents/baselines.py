@@ -65,8 +65,12 @@ class _NotLearned(abc.ABC):
 
     def _batch_shape(self, observation: Any) -> tuple[int, ...]:
         """`(n_envs,)` for a batch of observations, `()` for a single one."""
+        space = self.observation_space
+        while isinstance(space, spaces.Dict):  # every part of it has the batch's axis
+            part = next(iter(space.spaces))
+            space, observation = space[part], observation[part]
         shape: tuple[int, ...] = np.shape(observation)
-        return shape[: len(shape) - len(self.observation_space.shape)]
+        return shape[: len(shape) - len(space.shape)]
 
     def _data(self) -> dict[str, Any]:
         return {"seed": self.seed}

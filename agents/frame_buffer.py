@@ -11,6 +11,7 @@ from stable_baselines3.common.type_aliases import ReplayBufferSamples
 from stable_baselines3.common.vec_env import VecNormalize
 
 TRANSITIONS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
+IMAGE, SENSES = "image", "senses"
 
 
 class FrameReplayBuffer(ReplayBuffer):
@@ -18,6 +19,7 @@ class FrameReplayBuffer(ReplayBuffer):
 
     A stack of four float32 frames of 90 x 40 pixels takes 57.6 kB, and each transition has two of them,
     although a fixed phantom shows only a few hundred frames in all. Here a transition holds eight numbers.
+    Of observations with senses, dictionaries of `image` and `senses`, the senses have a number too.
     Sampled observations have the same bits as those that were added. Frames are never dropped: memory grows
     with the number of different frames, not with the number of steps.
     """
@@ -25,23 +27,28 @@ class FrameReplayBuffer(ReplayBuffer):
     def __init__(
         self,
         buffer_size: int,
-        observation_space: spaces.Box,
+        observation_space: spaces.Box | spaces.Dict,
         action_space: spaces.Space[Any],
         device: torch.device | str = "auto",
         n_envs: int = 1,
         **kwargs: Any,
     ) -> None:
         """Takes SB3's arguments; `optimize_memory_usage` has no effect here."""
-        height, width, channels = observation_space.shape
-        numbers = spaces.Box(0, np.iinfo(np.int32).max, (channels,), np.int32)
+        parts: dict[str, Any] = {IMAGE: observation_space}
+        if isinstance(observation_space, spaces.Dict):
+            parts = observation_space.spaces
+        image, senses = parts[IMAGE], parts.get(SENSES)
+        height, width, channels = image.shape
+        self._frames = Distinct((height, width), image.dtype)
+        self._senses = None if senses is None else Distinct(senses.shape, senses.dtype)
+        n_numbers = channels + (self._senses is not None)
+        numbers = spaces.Box(0, np.iinfo(np.int32).max, (n_numbers,), np.int32)
         super().__init__(buffer_size, numbers, action_space, device, n_envs, **kwargs)
-        self._numbers: dict[bytes, int] = {}
-        self._frames = np.empty((256, height, width), observation_space.dtype)
 
     def add(
         self,
-        obs: npt.NDArray[Any],
-        next_obs: npt.NDArray[Any],
+        obs: Any,
+        next_obs: Any,
         action: npt.NDArray[Any],
         reward: npt.NDArray[Any],
         done: npt.NDArray[Any],
@@ -53,7 +60,8 @@ class FrameReplayBuffer(ReplayBuffer):
     def state(self) -> dict[str, Any]:
         """The contents of the buffer: views of each array's filled part, and every different frame once."""
         arrays = {name: getattr(self, name)[: self.size()] for name in TRANSITIONS}
-        return {"pos": self.pos, "full": self.full, "frames": self._frames[: len(self._numbers)], **arrays}
+        told = {} if self._senses is None else {"senses": self._senses.arrays}
+        return {"pos": self.pos, "full": self.full, "frames": self._frames.arrays, **told, **arrays}
 
     def put_back(self, state: dict[str, Any]) -> None:
         """Fills the new, empty buffer with what `state` gave.
@@ -63,7 +71,10 @@ class FrameReplayBuffer(ReplayBuffer):
         """
         self.pos, self.full = state["pos"], state["full"]
         for frame in state["frames"]:
-            self._number(frame)
+            self._frames.number(frame)
+        if self._senses is not None:
+            for senses in state["senses"]:
+                self._senses.number(senses)
         for name in TRANSITIONS:
             getattr(self, name)[: self.size()] = state[name]
 
@@ -71,26 +82,52 @@ class FrameReplayBuffer(ReplayBuffer):
         self, batch_inds: npt.NDArray[np.intp], env: VecNormalize | None = None
     ) -> ReplayBufferSamples:
         samples = super()._get_samples(batch_inds, env)
+        observations = self._observations(samples.observations)
         return samples._replace(
-            observations=self._stacked(samples.observations),
-            next_observations=self._stacked(samples.next_observations),
+            observations=observations, next_observations=self._observations(samples.next_observations)
         )
 
-    def _numbered(self, stacks: npt.NDArray[Any]) -> npt.NDArray[np.int32]:
-        """The numbers `(n, channels)` of the frames in stacks `(n, height, width, channels)`."""
-        frames = np.moveaxis(stacks, -1, 1)
-        return np.array([[self._number(frame) for frame in stack] for stack in frames], np.int32)
+    def _numbered(self, observations: Any) -> npt.NDArray[np.int32]:
+        """The numbers of the frames `(n, channels)`; those of senses, if any, are one more column."""
+        stacks = observations if self._senses is None else observations[IMAGE]
+        numbers = [[self._frames.number(frame) for frame in stack] for stack in np.moveaxis(stacks, -1, 1)]
+        if self._senses is not None:
+            for row, senses in zip(numbers, observations[SENSES], strict=True):
+                row.append(self._senses.number(senses))
+        return np.array(numbers, np.int32)
 
-    def _number(self, frame: npt.NDArray[Any]) -> int:
-        key = frame.tobytes()
+    def _observations(self, numbers: torch.Tensor) -> Any:
+        """The observations whose frames and senses have these numbers `(n, channels)`."""
+        known = numbers.cpu().numpy()
+        if self._senses is None:
+            return self._stacked(known)
+        senses = torch.as_tensor(self._senses.arrays[known[:, -1]], device=self.device)
+        return {IMAGE: self._stacked(known[:, :-1]), SENSES: senses}
+
+    def _stacked(self, numbers: npt.NDArray[np.int32]) -> torch.Tensor:
+        """The stacks `(n, height, width, channels)` of the frames with these numbers `(n, channels)`."""
+        return torch.as_tensor(np.moveaxis(self._frames.arrays[numbers], 1, -1), device=self.device)
+
+
+class Distinct:
+    """Different arrays of one shape, each kept once and known by its number."""
+
+    def __init__(self, shape: tuple[int, ...], dtype: npt.DTypeLike) -> None:
+        """None is known yet."""
+        self._numbers: dict[bytes, int] = {}
+        self._room = np.empty((256, *shape), dtype)
+
+    @property
+    def arrays(self) -> npt.NDArray[Any]:
+        """All of them, `(n, *shape)`, by their numbers."""
+        return self._room[: len(self._numbers)]
+
+    def number(self, array: npt.NDArray[Any]) -> int:
+        """The number of an array, a new one where it is not known yet."""
+        key = array.tobytes()
         if key not in self._numbers:
             number = self._numbers[key] = len(self._numbers)
-            if number == len(self._frames):
-                self._frames = np.concatenate([self._frames, np.empty_like(self._frames)])
-            self._frames[number] = frame
+            if number == len(self._room):
+                self._room = np.concatenate([self._room, np.empty_like(self._room)])
+            self._room[number] = array
         return self._numbers[key]
-
-    def _stacked(self, numbers: torch.Tensor) -> torch.Tensor:
-        """The stacks `(n, height, width, channels)` of the frames with these numbers `(n, channels)`."""
-        frames = self._frames[numbers.cpu().numpy()]
-        return torch.as_tensor(np.moveaxis(frames, 1, -1), device=self.device)

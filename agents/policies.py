@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import torch
 from gymnasium import spaces
 from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.type_aliases import Schedule
@@ -12,9 +13,15 @@ from usbench.agents.networks import ConvTrunk
 
 
 class SeparatePolicy(ActorCriticPolicy):
-    """SB3's actor-critic policy, with a features extractor each for actions and values."""
+    """SB3's actor-critic policy, with a features extractor each for actions and values.
+
+    Attributes:
+        values_at_end: whether whoever collects a rollout computes its values afterwards, in one batch;
+            `forward` then leaves them out.
+    """
 
     value_optimizer: Optimizer
+    values_at_end = False
 
     def __init__(
         self,
@@ -29,6 +36,18 @@ class SeparatePolicy(ActorCriticPolicy):
                 "share_features_extractor must be False: policy and value are separate networks here."
             )
         super().__init__(observation_space, action_space, lr_schedule, **kwargs)
+
+    def forward(
+        self, obs: torch.Tensor, deterministic: bool = False
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Actions `(n, ...)`, values `(n, 1)` (NaN with `values_at_end`), log-probabilities `(n,)`."""
+        if not self.values_at_end:
+            return super().forward(obs, deterministic)
+        distribution = self.get_distribution(obs)
+        actions = distribution.get_actions(deterministic=deterministic)
+        log_prob = distribution.log_prob(actions)
+        actions = actions.reshape((-1, *self.action_space.shape))  # type: ignore[misc]
+        return actions, log_prob.new_full((len(log_prob), 1), torch.nan), log_prob
 
     def value_parameters(self) -> list[nn.Parameter]:
         """The parameters that give the values."""

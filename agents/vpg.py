@@ -1,13 +1,11 @@
 """Vanilla policy gradient, the paper's algorithm, in the shape of Stable-Baselines3's own `a2c.py`."""
 
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 import numpy as np
 import torch
 from gymnasium import spaces
-from stable_baselines3.common.buffers import RolloutBuffer
-from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
-from stable_baselines3.common.policies import BasePolicy
+from stable_baselines3.common.buffers import DictRolloutBuffer, RolloutBuffer
 from stable_baselines3.common.type_aliases import GymEnv, MaybeCallback, Schedule
 from stable_baselines3.common.utils import FloatSchedule, explained_variance, update_learning_rate
 from torch import nn
@@ -15,13 +13,14 @@ from torch.nn import functional
 from torch.optim import Adam, Optimizer
 
 from usbench.agents.hyperparameters import check
-from usbench.agents.policies import ConvPolicy, SeparatePolicy
+from usbench.agents.on_policy import ValuesAtEnd, ValuesAtEndBuffer
+from usbench.agents.policies import SeparatePolicy
 
 # PyTorch's default, of which `adam_beta1` is the other half.
 ADAM_BETA2 = 0.999
 
 
-class RewardToGoBuffer(RolloutBuffer):
+class RewardToGoBuffer(ValuesAtEndBuffer):
     """SB3's rollout, with GAE(lambda) advantages and discounted rewards-to-go as `returns`.
 
     Where an episode goes on after the rollout, the value of what follows stands for the rewards to come.
@@ -37,7 +36,11 @@ class RewardToGoBuffer(RolloutBuffer):
             self.returns[step] = to_go
 
 
-class VPG(OnPolicyAlgorithm):
+class RewardToGoDictBuffer(RewardToGoBuffer, DictRolloutBuffer):
+    """The same for observations that are dictionaries."""
+
+
+class VPG(ValuesAtEnd):
     """Vanilla policy gradient with a value baseline, as in Spinning Up (Achiam 2018).
 
     Each update uses `n_steps` fresh steps per environment: one policy step on -mean(log pi(a|s) A), A the GAE
@@ -61,7 +64,8 @@ class VPG(OnPolicyAlgorithm):
     policies were certain within tens of updates, of whatever came first; hence `adam_beta1=0`.
 
     Args:
-        policy: "CnnPolicy" (two convolutional trunks), "MlpPolicy", or a class derived from `SeparatePolicy`.
+        policy: "CnnPolicy" (two convolutional trunks), "MlpPolicy", "MultiInputPolicy" for observations that
+            are dictionaries, or a class derived from `SeparatePolicy`.
         env: the environment or its Gymnasium id.
         learning_rate: Adam's step for the policy, in (0, 1], or a schedule over the progress remaining.
         value_learning_rate: the same for the value function.
@@ -72,7 +76,8 @@ class VPG(OnPolicyAlgorithm):
         initial_value: what V starts from, finite.
         adam_beta1: Adam's momentum (beta_1) for both networks, in [0, 1). `optimizer_kwargs` in
             `policy_kwargs` win over it; another optimizer than Adam does not take it.
-        rollout_buffer_class: the rollout's class, `RewardToGoBuffer` where None.
+        rollout_buffer_class: the rollout's class; where None `RewardToGoBuffer`, or for observations that
+            are dictionaries `RewardToGoDictBuffer`.
         rollout_buffer_kwargs: its further arguments.
         stats_window_size: episodes over which the logged means go.
         tensorboard_log: folder for TensorBoard events, or None.
@@ -87,10 +92,6 @@ class VPG(OnPolicyAlgorithm):
         ValueError: a hyperparameter is out of range.
     """
 
-    policy_aliases: ClassVar[dict[str, type[BasePolicy]]] = {
-        "CnnPolicy": ConvPolicy,
-        "MlpPolicy": SeparatePolicy,
-    }
     policy: SeparatePolicy
 
     def __init__(
@@ -129,7 +130,7 @@ class VPG(OnPolicyAlgorithm):
             max_grad_norm=float("inf"),
             use_sde=False,
             sde_sample_freq=-1,
-            rollout_buffer_class=rollout_buffer_class or RewardToGoBuffer,
+            rollout_buffer_class=rollout_buffer_class,
             rollout_buffer_kwargs=rollout_buffer_kwargs,
             stats_window_size=stats_window_size,
             tensorboard_log=tensorboard_log,
@@ -154,6 +155,9 @@ class VPG(OnPolicyAlgorithm):
         for name in ("learning_rate", "value_learning_rate"):
             if not callable(getattr(self, name)):
                 setattr(self, name, check(name, getattr(self, name)))
+        if self.rollout_buffer_class is None:
+            is_dict = isinstance(self.observation_space, spaces.Dict)
+            self.rollout_buffer_class = RewardToGoDictBuffer if is_dict else RewardToGoBuffer
         super()._setup_model()
         if not isinstance(self.policy, SeparatePolicy):
             raise TypeError(f"policy must be derived from SeparatePolicy, not {type(self.policy).__name__}.")
@@ -198,7 +202,7 @@ class VPG(OnPolicyAlgorithm):
         self.logger.record("train/explained_variance", explained)
 
     def _policy_step(
-        self, observations: torch.Tensor, actions: torch.Tensor, advantages: torch.Tensor
+        self, observations: Any, actions: torch.Tensor, advantages: torch.Tensor
     ) -> tuple[float, float]:
         """One step on -mean(log pi(a|s) A); returns that loss and the mean entropy, both before the step."""
         if isinstance(self.action_space, spaces.Discrete):
@@ -210,7 +214,7 @@ class VPG(OnPolicyAlgorithm):
         entropy = distribution.entropy()
         return loss, float((-log_prob if entropy is None else entropy).mean().item())
 
-    def _value_step(self, observations: torch.Tensor, rewards_to_go: torch.Tensor) -> float:
+    def _value_step(self, observations: Any, rewards_to_go: torch.Tensor) -> float:
         """One step on mean (V(s) - reward-to-go)^2; returns that loss, before the step."""
         values = self.policy.predict_values(observations).flatten()
         return _descend(self.policy.value_optimizer, functional.mse_loss(values, rewards_to_go))

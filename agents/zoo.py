@@ -1,9 +1,14 @@
 """The table of algorithms: name -> class, policy, hyperparameters. An algorithm is one row."""
 
 import importlib
+import inspect
+import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
+
+from gymnasium import spaces
 
 from usbench.agents import plugins
 from usbench.agents.hyperparameters import RANGES, Value, check, parse
@@ -19,11 +24,15 @@ class Entry:
     hyperparameters: Mapping[str, Value] = field(default_factory=dict)
     policy_kwargs: Mapping[str, Any] = field(default_factory=dict)
     kwargs: Mapping[str, Any] = field(default_factory=dict)
+    # What `kwargs` hold besides where observations are dictionaries of an image and senses.
+    kwargs_with_senses: Mapping[str, Any] = field(default_factory=dict)
     tasks: Mapping[str, Mapping[str, Value]] = field(default_factory=dict)
     presets: Mapping[str, Mapping[str, Value]] = field(default_factory=dict)
     learns: bool = True
     # Whether the agent looks at frames; for an agent that does not look, no frames are simulated.
     looks: bool = True
+    # What it is, in a line.
+    title: str = ""
 
 
 # Every network is a trunk and one fully connected output.
@@ -32,24 +41,36 @@ TRUNK = {"features_extractor_class": "usbench.agents.networks:ConvTrunk", "net_a
 SEPARATE = {**TRUNK, "share_features_extractor": False}
 # For losses that compare with what the network said while it acted, or with a target network: see `Block`.
 RUNNING = {"features_extractor_kwargs": {"batch_statistics": False}}
+# The names of Stable-Baselines3's policies for observations that are dictionaries.
+MULTI_INPUT = {
+    "CnnPolicy": "MultiInputPolicy",
+    "MlpPolicy": "MultiInputPolicy",
+    "MlpLstmPolicy": "MultiInputLstmPolicy",
+}
 REPLAY = {"replay_buffer_class": "usbench.agents.frame_buffer:FrameReplayBuffer"}
 
-# Hyperparameters were chosen by the search (docs/search); those of VPG are the paper's.
-ZOO: dict[str, Entry] = {
+# What can stand in place of the paper's trunk: see `entry`.
+NETWORKS = {"residual": "usbench.agents.residual_trunk:ResidualTrunk"}
+
+TABLE_II: dict[str, Value] = {
+    "learning_rate": 1e-4,
+    "value_learning_rate": 1e-3,
+    "n_steps": 64,
+    "gamma": 0.99,
+    "gae_lambda": 0.97,
+    # From here on the paper leaves the value open.
+    "n_value_steps": 3,
+    # What the random agent would collect without end, at -1.3 per step: see the class.
+    "initial_value": -130.0,
+    "adam_beta1": 0.0,
+}
+# Hyperparameters before the search, which replaces those of its spaces: see `_with_winners`.
+UNSEARCHED: dict[str, Entry] = {
     "vpg": Entry(
+        title="the paper's vanilla policy gradient, hyperparameters of its Table II",
         cls="usbench.agents.vpg:VPG",
         policy="CnnPolicy",
-        hyperparameters={
-            "learning_rate": 1e-4,
-            "value_learning_rate": 1e-3,
-            "n_steps": 64,
-            "gamma": 0.99,
-            "gae_lambda": 0.97,
-            "n_value_steps": 3,
-            # What the random agent would collect without end, at -1.3 per step: see the class.
-            "initial_value": -130.0,
-            "adam_beta1": 0.0,
-        },
+        hyperparameters=TABLE_II,
         tasks={
             "fp": {"gae_lambda": 0.95},
             "pp": {"gae_lambda": 0.97},
@@ -59,8 +80,15 @@ ZOO: dict[str, Entry] = {
         },
         presets={"spinup": {"n_value_steps": 80}},
     ),
+    "vpg-tuned": Entry(
+        title="the paper's algorithm, hyperparameters chosen by the search",
+        cls="usbench.agents.vpg:VPG",
+        policy="CnnPolicy",
+        hyperparameters=TABLE_II,
+    ),
     "a2c": Entry(
-        cls="stable_baselines3:A2C",
+        title="advantage actor-critic (Mnih et al. 2016)",
+        cls="usbench.agents.on_policy:A2C",
         policy="MlpPolicy",
         policy_kwargs=SEPARATE,
         hyperparameters={
@@ -77,7 +105,8 @@ ZOO: dict[str, Entry] = {
         },
     ),
     "ppo": Entry(
-        cls="stable_baselines3:PPO",
+        title="proximal policy optimisation (Schulman et al. 2017)",
+        cls="usbench.agents.on_policy:PPO",
         policy="MlpPolicy",
         policy_kwargs=SEPARATE | RUNNING,
         hyperparameters={
@@ -95,6 +124,7 @@ ZOO: dict[str, Entry] = {
         },
     ),
     "dqn": Entry(
+        title="deep Q-network (Mnih et al. 2015)",
         cls="stable_baselines3:DQN",
         policy="MlpPolicy",
         policy_kwargs=TRUNK | RUNNING,
@@ -117,6 +147,7 @@ ZOO: dict[str, Entry] = {
         },
     ),
     "qrdqn": Entry(
+        title="DQN with quantile regression (Dabney et al. 2018)",
         cls="sb3_contrib:QRDQN",
         policy="MlpPolicy",
         policy_kwargs=TRUNK | RUNNING | {"n_quantiles": 50},
@@ -138,9 +169,11 @@ ZOO: dict[str, Entry] = {
         },
     ),
     "trpo": Entry(
-        cls="sb3_contrib:TRPO",
+        title="trust region policy optimisation (Schulman et al. 2015)",
+        cls="usbench.agents.on_policy:TRPO",
         policy="MlpPolicy",
         policy_kwargs=SEPARATE | RUNNING,
+        kwargs_with_senses={"rollout_buffer_class": "usbench.agents.dict_rollout:SliceableRolloutBuffer"},
         hyperparameters={
             "learning_rate": 1e-3,
             "n_steps": 256,
@@ -157,6 +190,7 @@ ZOO: dict[str, Entry] = {
         },
     ),
     "recurrent_ppo": Entry(
+        title="PPO with an LSTM",
         cls="sb3_contrib:RecurrentPPO",
         policy="MlpLstmPolicy",
         policy_kwargs=SEPARATE
@@ -180,14 +214,48 @@ ZOO: dict[str, Entry] = {
             "normalize_advantage": True,
         },
     ),
-    "random": Entry(cls="usbench.agents.baselines:Random", learns=False, looks=False),
-    "stay": Entry(cls="usbench.agents.baselines:Stay", learns=False, looks=False),
-    "oracle": Entry(cls="usbench.agents.baselines:Oracle", learns=False, looks=False),
+    "random": Entry(
+        title="reference policy: every action is equally probable",
+        cls="usbench.agents.baselines:Random",
+        learns=False,
+        looks=False,
+    ),
+    "stay": Entry(
+        title="reference policy: never moves", cls="usbench.agents.baselines:Stay", learns=False, looks=False
+    ),
+    "oracle": Entry(
+        title="reference policy: knows the pose and plays the optimum",
+        cls="usbench.agents.baselines:Oracle",
+        learns=False,
+        looks=False,
+    ),
 }
+# Written by the search, row by row: name -> {"hyperparameters": ..., "protocol": digest of the protocol}.
+WINNERS = Path(__file__).with_name("winners.json")
+
+
+def winners() -> dict[str, dict[str, Any]]:
+    """Return what the search has chosen so far, by row; the rows that are not searched yet are missing."""
+    found: dict[str, dict[str, Any]] = json.loads(WINNERS.read_text(encoding="utf-8"))
+    return found
+
+
+def _with_winners(rows: Mapping[str, Entry]) -> dict[str, Entry]:
+    """The rows with the hyperparameters that the search has chosen, for all tasks alike."""
+    chosen = {name: winner["hyperparameters"] for name, winner in winners().items()}
+    return {
+        name: replace(row, hyperparameters={**row.hyperparameters, **chosen.get(name, {})})
+        for name, row in rows.items()
+    }
+
+
+ZOO: dict[str, Entry] = _with_winners(UNSEARCHED)
 
 
 def entry(algo: str) -> Entry:
     """The row of `algo`: from the table, from an entry point, or made for the class at "module:name".
+
+    "name+network" is the row `name` with another network of `NETWORKS`.
 
     Raises:
         TypeError: what stands at "module:name" is neither an `Entry` nor a class with `learn` and `predict`.
@@ -195,12 +263,25 @@ def entry(algo: str) -> Entry:
     """
     if algo in ZOO:
         return ZOO[algo]
+    if "+" in algo:
+        return _with_network(*algo.rsplit("+", 1))
     registered = plugins.registered()
     place = registered.get(algo, algo)
     if ":" in place:
         found = plugins.load(place)
         return found if isinstance(found, Entry) else _row(place, found)
     raise unknown("algorithm", algo, [*ZOO, *registered])
+
+
+def _with_network(algo: str, network: str) -> Entry:
+    """The row of `algo` with another trunk in place of the paper's."""
+    row = entry(algo)
+    if network not in NETWORKS:
+        raise unknown("network", network, NETWORKS)
+    if row.policy is None:
+        raise ValueError(f"{algo} has no network that {network!r} could replace.")
+    kept = {name: value for name, value in row.policy_kwargs.items() if name != "features_extractor_kwargs"}
+    return replace(row, policy_kwargs=kept | {"features_extractor_class": NETWORKS[network], "net_arch": []})
 
 
 def _row(place: str, found: Any) -> Entry:
@@ -250,6 +331,28 @@ def hyperparameters(
     return merged
 
 
+def own_defaults(algo: str) -> dict[str, int]:
+    """When the class of an algorithm of another module begins to learn, as far as its signature tells.
+
+    Returns:
+        The defaults of `n_steps` of an on-policy class, of `learning_starts` of an off-policy class; nothing
+        for a row of the table, whose hyperparameters tell, and for any other class.
+    """
+    row = entry(algo)
+    if algo in ZOO or row.hyperparameters or row.policy is None:
+        return {}
+    from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
+
+    found = model_class(algo)
+    name = "n_steps" if issubclass(found, OnPolicyAlgorithm) else "learning_starts"
+    # The signature of a subclass may pass everything on.
+    for cls in found.__mro__:
+        parameter = inspect.signature(cls.__init__).parameters.get(name)
+        if parameter is not None and isinstance(parameter.default, int):
+            return {name: parameter.default}
+    return {}
+
+
 def make(algo: str, env: Any, seed: int, hyperparameters: Mapping[str, Value], **kwargs: Any) -> Any:
     """The model of `algo` on `env`: has SB3's `learn`, `predict`, `save` and `load`.
 
@@ -261,11 +364,25 @@ def make(algo: str, env: Any, seed: int, hyperparameters: Mapping[str, Value], *
         ValueError: the number of environments does not divide `n_steps`.
     """
     row = entry(algo)
+    if isinstance(env.observation_space, spaces.Dict):
+        row = _with_senses(row)
     policy = _resolved(kwargs.pop("policy", row.policy))
     fixed = {**({"policy_kwargs": row.policy_kwargs} if row.policy_kwargs else {}), **row.kwargs}
     kwargs = {**{name: _resolved(value) for name, value in fixed.items()}, **kwargs}
     shared = _shared(hyperparameters, getattr(env, "num_envs", 1))
     return model_class(algo)(policy, env, seed=check_seed(seed), **shared, **kwargs)
+
+
+def _with_senses(row: Entry) -> Entry:
+    """The row for observations that are dictionaries of an image and senses: its trunk, and senses beside."""
+    if row.policy not in MULTI_INPUT:
+        return row
+    own = dict(row.policy_kwargs)
+    trunk = own.get("features_extractor_class", TRUNK["features_extractor_class"])
+    own["features_extractor_class"] = "usbench.agents.sensing_trunk:SensingTrunk"
+    own["features_extractor_kwargs"] = {**own.get("features_extractor_kwargs", {}), "trunk": trunk}
+    kwargs = {**row.kwargs, **row.kwargs_with_senses}
+    return replace(row, policy=MULTI_INPUT[row.policy], policy_kwargs=own, kwargs=kwargs)
 
 
 def _shared(hyperparameters: Mapping[str, Value], n_envs: int) -> dict[str, Value]:

@@ -17,6 +17,8 @@ from playwright.sync_api import expect, sync_playwright
 
 from usbench import suite
 from usbench.guide import server as guide_server
+from usbench.guide.access import new_token
+from usbench.guide.desk import Desk
 from usbench.guide.session import Session
 from usbench.setting import Setting
 
@@ -35,7 +37,9 @@ def main() -> None:
     for task in suite.PAPER:
         Setting(task=task).prepare_frames()
     with guide_server.listening() as listener, sync_playwright() as playwright:
-        server = guide_server.server(session)
+        token, desk = new_token(), Desk()
+        server = guide_server.server(desk, token)
+        desk.start(lambda _: session)
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
         thread.start()
         root = hasattr(os, "geteuid") and os.geteuid() == 0
@@ -45,7 +49,7 @@ def main() -> None:
         )
         try:
             page = browser.new_page(viewport={"width": 1400, "height": 880})
-            page.goto(guide_server.address(listener))
+            page.goto(guide_server.address(listener, token))
             took = [ms for _ in range(EPISODES) for ms in episode(page)]
             ordered = sorted(took)
             print(
@@ -60,6 +64,7 @@ def main() -> None:
         finally:
             browser.close()
             server.should_exit = True
+            desk.close()
             thread.join()
 
 

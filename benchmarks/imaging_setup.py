@@ -1,8 +1,9 @@
 """What each setting of the task `setup` does to the image: `python benchmarks/imaging_setup.py`.
 
-Prints the contrast-to-noise ratio along each setting through the best combination, beside the generalized
-ratio (Rodriguez-Molares et al. 2020, Eq. 9: 1 minus the overlap of both histograms), and the best focus and
-range of each frequency. Frames that are not kept yet are simulated.
+Prints the measures of quality along each setting through the best combination, the best focus and range of
+each frequency, how deep each frequency reaches, and what the noise of the electronics and the time gain
+compensation do to the optimum: neither of them is the first version of the task, both are the latest. Frames
+that are not kept yet are simulated.
 """
 
 import argparse
@@ -11,7 +12,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
@@ -20,8 +20,14 @@ from usbench.envs.bmode import Imaging
 from usbench.envs.frames import FrameStore, frame_store
 from usbench.envs.pose import Pose
 from usbench.envs.probe import LinearArray
-from usbench.envs.settings import Setup
-from usbench.envs.tasks.imaging_setup import IMAGING_SETUP, PHANTOM, contrast_to_noise, regions
+from usbench.envs.scanner import acquire
+from usbench.envs.settings import Setup, tuned
+from usbench.envs.tasks.image_quality import (
+    contrast_order,
+    contrast_to_noise,
+    generalized_contrast_to_noise,
+)
+from usbench.envs.tasks.imaging_setup import IMAGING, IMAGING_SETUP, PHANTOM, regions
 from usbench.figures import style
 
 SETTINGS = {
@@ -29,22 +35,32 @@ SETTINGS = {
     "frequency_khz": ("centre frequency", "MHz", 1_000),
     "dynamic_range_db": ("dynamic range", "dB", 1),
 }
-Quality = Mapping[Setup, tuple[float, float]]
-
-
-def generalized(frame: npt.NDArray[np.uint8]) -> float:
-    """Return the generalized contrast-to-noise ratio of a frame, with a bin for every grey level."""
-    histograms = [
-        np.bincount(frame[mask], minlength=256) / mask.sum() for mask in regions(PHANTOM, Pose(), Imaging())
-    ]
-    return float(1 - np.minimum(*histograms).sum())
+MEASURES = {
+    "contrast-to-noise ratio": contrast_to_noise,
+    "generalized": generalized_contrast_to_noise,
+    "contrast order": contrast_order,
+}
+RECEIVERS = {
+    "neither (v0)": Imaging(),
+    "gain alone": replace(IMAGING, noise_db=None),
+    "noise alone": replace(IMAGING, tgc_db_per_cm=0.0),
+    "both (v1)": IMAGING,
+}
+# Of each combination of settings, the MEASURES of its frame.
+Quality = Mapping[Setup, tuple[float, ...]]
 
 
 def measure(store: FrameStore) -> Quality:
-    """Return the contrast-to-noise ratio and the generalized ratio of every combination of settings."""
+    """Return the measures of quality of every combination of settings."""
     masks = regions(PHANTOM, Pose(), Imaging())
+    store.prepare(IMAGING_SETUP.states)
     frames = {pose: store.frame(pose) for pose in IMAGING_SETUP.states if isinstance(pose, Setup)}
-    return {pose: (contrast_to_noise(frame, *masks), generalized(frame)) for pose, frame in frames.items()}
+    return {pose: tuple(one(frame, *masks) for one in MEASURES.values()) for pose, frame in frames.items()}
+
+
+def best_of(quality: Quality) -> Setup:
+    """Return the combination of settings with the largest contrast-to-noise ratio."""
+    return max(quality, key=lambda pose: quality[pose][0])
 
 
 def along(best: Setup, setting: str) -> list[Setup]:
@@ -59,7 +75,7 @@ def tables(quality: Quality, best: Setup) -> list[Table]:
     for setting, (name, unit, scale) in SETTINGS.items():
         poses = along(best, setting)
         table = Table("", *(f"{getattr(pose, setting) / scale:g} {unit}" for pose in poses), title=name)
-        for row, kind in enumerate(("contrast-to-noise ratio", "generalized")):
+        for row, kind in enumerate(MEASURES):
             table.add_row(kind, *(f"{quality[pose][row]:.2f}" for pose in poses))
         made.append(table)
     table = Table("frequency", "best focus", "best range", "contrast-to-noise ratio", title="each frequency")
@@ -77,6 +93,47 @@ def tables(quality: Quality, best: Setup) -> list[Table]:
     return [*made, table]
 
 
+def receivers(qualities: Mapping[str, Quality]) -> Table:
+    """Return a table of the optimum with each receiver, and of the best there is at each end."""
+    columns = ("focus", "frequency", "range", "ratio", "gCNR", "order", "ratio, 80 mm", "ratio, 5 MHz")
+    table = Table("noise and gain", *columns, title="the optimum with each receiver")
+    for name, quality in qualities.items():
+        best = best_of(quality)
+        cells = [f"{getattr(best, key) / scale:g} {unit}" for key, (_, unit, scale) in SETTINGS.items()]
+        deepest, highest = (
+            max(values[0] for pose, values in quality.items() if getattr(pose, key) == end)
+            for key, end in (("focal_depth_mm", 80), ("frequency_khz", 5_000))
+        )
+        numbers = (*quality[best], deepest, highest)
+        table.add_row(name, *cells, *(f"{number:.2f}" for number in numbers))
+    return table
+
+
+def reach(focal_depth_mm: int = 50) -> Table:
+    """Return a table of the depth at which the echoes of tissue sink below the noise, for each frequency."""
+    table = Table("", title=f"where tissue is as loud as the noise, focus {focal_depth_mm} mm")
+    cells = []
+    for khz in sorted({getattr(pose, "frequency_khz", 0) for pose in IMAGING_SETUP.states}):
+        pose = Setup(0, focal_depth_mm, 0, frequency_khz=khz)
+        quiet, noisy = (
+            acquire(PHANTOM, pose, LinearArray(), replace(IMAGING, noise_db=level, height_px=90))
+            for level in (None, IMAGING.noise_db)
+        )
+        array = tuned(pose, LinearArray(), IMAGING)[1]
+        depths_mm = (
+            (np.arange(len(quiet)) / array.iq_sampling_frequency - array.pulse_delay)
+            * array.speed_of_sound / 2 * 1e3
+        )  # fmt: skip
+        beside = np.abs(array.line_positions) > 15e-3  # of the cyst
+        echoes, noise = (np.square(np.abs(one[:, beside])).mean(axis=1) for one in (quiet, noisy - quiet))
+        smooth = np.convolve(echoes, np.ones(40) / 40, mode="same")
+        louder = depths_mm[(smooth > noise.mean()) & (depths_mm < 90)]
+        table.add_column(f"{khz / 1e3:g} MHz")
+        cells.append(f"{louder.max():.0f} mm" if louder.max() < 88 else "deeper than the image")
+    table.add_row("depth", *cells)
+    return table
+
+
 def figure(store: FrameStore, quality: Quality, best: Setup) -> Figure:
     """Return a figure with a row for each setting: frames at both ends and the best value, and quality."""
     drawn = Figure(figsize=(10.5, 9.6), dpi=110, layout="constrained")
@@ -88,10 +145,10 @@ def figure(store: FrameStore, quality: Quality, best: Setup) -> Figure:
             axis.set_title(f"{getattr(pose, setting) / scale:g} {unit}: {quality[pose][0]:.2f}", fontsize=10)
         row[0].set_ylabel(f"{name}\ndepth (mm)")
         values = [getattr(pose, setting) / scale for pose in poses]
-        for kind, label in enumerate(("contrast-to-noise ratio", "generalized")):
-            look = style.styles(("contrast-to-noise ratio", "generalized"))[label]
+        for kind, label in enumerate(list(MEASURES)[:2]):
+            look = style.styles(tuple(MEASURES)[:2])[label]
             row[3].plot(values, [quality[pose][kind] for pose in poses], label=label, **look)
-        row[3].set(xlabel=f"{name} ({unit})", ylim=(0, 2.5))
+        row[3].set(xlabel=f"{name} ({unit})", ylim=(0, 2.75))
         row[3].grid(alpha=0.3)
     axes[0, 3].legend(fontsize=9, loc="lower center")
     return drawn
@@ -102,11 +159,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--figure", type=Path, metavar="FILE", help="also draw frames and curves")
     args = parser.parse_args()
-    store = frame_store(PHANTOM, LinearArray(), Imaging())
-    store.prepare(IMAGING_SETUP.states)
-    quality = measure(store)
-    best = max(quality, key=lambda pose: quality[pose][0])
-    for table in tables(quality, best):
+    stores = {name: frame_store(PHANTOM, LinearArray(), imaging) for name, imaging in RECEIVERS.items()}
+    qualities = {name: measure(store) for name, store in stores.items()}
+    store, quality = list(stores.values())[-1], list(qualities.values())[-1]
+    best = best_of(quality)
+    for table in (*tables(quality, best), receivers(qualities), reach()):
         Console(width=110).print(table)
     if args.figure is not None:
         style.save(figure(store, quality, best), args.figure)

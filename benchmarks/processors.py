@@ -18,6 +18,7 @@ import numpy as np
 
 from usbench import suite
 from usbench.envs.phantom import Phantom
+from usbench.envs.pose import Pose
 from usbench.envs.scanner import scan
 
 TASKS = ("fp", "pp")
@@ -36,10 +37,15 @@ def plain() -> dict[str, str]:
 
 def simulate(path: Path) -> None:
     """Write the frames of all poses of each task."""
-    states = {task: sorted(suite.TASKS[task].guidance.states) for task in TASKS}
+    states = {task: sorted(suite.TASKS[task].guidance.states, key=_focal_depth) for task in TASKS}
     np.savez(
         path, **{task: np.stack([scan(Phantom(), pose) for pose in poses]) for task, poses in states.items()}
     )
+
+
+def _focal_depth(pose: Pose) -> int:
+    """Return what responses are tabulated for: tables of four depths are kept."""
+    return pose.focal_depth_mm
 
 
 def main() -> None:

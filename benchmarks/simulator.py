@@ -18,6 +18,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +31,7 @@ from usbench.envs.field.response_table import forget_tables, keep_tables
 from usbench.envs.frames import FrameStore
 from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Pose
-from usbench.envs.probe import DEFAULT_ARRAY
+from usbench.envs.probe import DEFAULT_ARRAY, LinearArray
 from usbench.envs.rf import simulate_iq, simulate_rf
 from usbench.envs.scanner import scan, scan_batch, view
 from usbench.envs.tasks.focal_point import FOCAL_POINT
@@ -183,6 +184,50 @@ def scaling() -> Iterator[Row]:
     yield "time of 10 times the scatterers over that of one", f"{ten / one:.1f}", "at most 11"
 
 
+def few_points() -> Iterator[Row]:
+    """Time 12 points with an array of which every second line lies beyond the last full aperture."""
+    array = LinearArray(
+        center_frequency=7e6,
+        n_elements=128,
+        element_width=0.27e-3,
+        kerf=0.03e-3,
+        n_lines=128,
+        line_spacing=0.3e-3,
+    )
+    points = np.stack([np.linspace(-18e-3, 18e-3, 12), np.zeros(12), np.full(12, 30e-3)], axis=1)
+    before = time.process_time()
+    simulate_iq(points, np.ones(12), array, 30e-3)
+    first = time.process_time() - before
+    again = median_seconds(lambda: simulate_iq(points, np.ones(12), array, 30e-3), 15)
+    yield "12 points, 128 lines at 7 MHz: first call, of all cores", f"{first:.2f} s", "at most 5 s"
+    yield "the same, second call", f"{1e3 * again:.0f} ms", "at most 20 ms"
+
+
+def throughput() -> Iterator[Row]:
+    """Time scatterers spread evenly over the view, with one thread and two, and the memory that they take."""
+    for n in (2_700, 100_000, 1_000_000):
+        rng = np.random.default_rng(0)
+        points = rng.uniform([-20e-3, -5e-3, 1e-3], [20e-3, 5e-3, 90e-3], (n, 3))
+        amplitudes, pairs = rng.normal(size=n), n * DEFAULT_ARRAY.n_lines
+        for threads in (1, 2):
+            os.environ["USBENCH_THREADS"] = str(threads)
+            work = partial(simulate_iq, points, amplitudes, DEFAULT_ARRAY, 0.05)
+            rate = pairs / median_seconds(work, 15 if n < 10_000 else 3)
+            what = f"scatterers x lines per second, {n} scatterers, {threads} thread{'s' * (threads > 1)}"
+            yield what, f"{rate / 1e6:.1f} million", ""
+        del os.environ["USBENCH_THREADS"]
+    yield "peak memory of that process", f"{peak_memory_mb():.0f} MB", "at most 2000 MB"
+
+
+def apart() -> Iterator[Row]:
+    """Run `few_points` and `throughput` in a process of their own, for its memory and first call."""
+    command = [sys.executable, __file__, "--throughput"]
+    output = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    for line in output.splitlines():
+        what, measured, asked = line.split("\t")
+        yield what, measured, asked
+
+
 def ratio() -> Iterator[Row]:
     """Time a frame of RF, and the same frame by esdiva immediately afterwards."""
     from peer import Peer
@@ -247,14 +292,21 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--all-frames", action="store_true", help="only simulate all frames, in this process")
     parser.add_argument(
+        "--throughput", action="store_true", help="only few and many scatterers, in this process"
+    )
+    parser.add_argument(
         "--repeats", type=int, default=15, help="frames per focal depth and round (default 15)"
     )
     args = parser.parse_args()
     if args.all_frames:
         all_frames()
         return
+    if args.throughput:
+        for row in chain(few_points(), throughput()):
+            print(*row, sep="\t", flush=True)
+        return
     table = Table("what", "measured", "asked", title="The simulator")
-    parts = [accuracy(), speed(args.repeats), environments(args.repeats), scaling(), from_nothing()]
+    parts = [accuracy(), speed(args.repeats), environments(args.repeats), scaling(), apart(), from_nothing()]
     has_esdiva = importlib.util.find_spec("esdiva") is not None
     if has_esdiva:
         parts.append(ratio())

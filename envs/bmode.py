@@ -11,12 +11,14 @@ import numpy as np
 import numpy.typing as npt
 from scipy import sparse
 
-from usbench.checks import number, positive, whole_number
+from usbench.checks import METRES, non_negative, number, positive, quantity, whole_number
+from usbench.envs.probe import LinearArray
+from usbench.envs.receiver import gain
 
 
 @dataclass(frozen=True)
 class Imaging:
-    """How an envelope becomes an image.
+    """How echoes are received and become an image.
 
     Attributes:
         dynamic_range_db: Shown below the frame's maximum; everything weaker is black.
@@ -24,6 +26,10 @@ class Imaging:
         width_px: Columns, centred on the probe.
         pixel_size: Edge of a pixel, m.
         median_size: Edge of the median filter, an odd number of pixels; 1 for none.
+        noise_db: Root mean square of the noise of the receiver's electronics, dB below the echo of a unit
+            point 50 mm deep, see `receiver/noise.py`; without a value there is no noise.
+        tgc_db_per_cm: Time gain compensation, dB per cm of depth, or a curve: pairs of depth (m) and gain
+            (dB) with depths that increase, linear between them.
     """
 
     dynamic_range_db: float = 60.0
@@ -31,15 +37,21 @@ class Imaging:
     width_px: int = 40
     pixel_size: float = 1e-3
     median_size: int = 5
+    noise_db: float | None = None
+    tgc_db_per_cm: float | gain.Curve = 0.0
 
     def __post_init__(self) -> None:
         """Refuse values that make no image."""
-        for name in ("dynamic_range_db", "pixel_size"):
-            object.__setattr__(self, name, positive(name, getattr(self, name)))
+        object.__setattr__(self, "dynamic_range_db", positive("dynamic_range_db", self.dynamic_range_db))
+        positive("pixel_size", self.pixel_size)
+        object.__setattr__(self, "pixel_size", quantity("pixel_size", self.pixel_size, 1e-6, 20e-3, METRES))
         for name in ("height_px", "width_px", "median_size"):
             object.__setattr__(self, name, whole_number(name, getattr(self, name), low=1))
         if self.median_size % 2 == 0:
             raise ValueError(f"median_size must be odd, not {self.median_size}.")
+        if self.noise_db is not None:
+            object.__setattr__(self, "noise_db", non_negative("noise_db", self.noise_db))
+        object.__setattr__(self, "tgc_db_per_cm", gain.checked("tgc_db_per_cm", self.tgc_db_per_cm))
 
     @property
     def width(self) -> float:
@@ -87,37 +99,78 @@ def bmode(
         time_zero: Time of the first sample after the arrival of an echo from depth 0, s; the middle of the
             pulse counts.
         speed_of_sound: m/s.
-        imaging: Size and dynamic range of the image.
+        imaging: Size, dynamic range and time gain compensation of the image; no noise is added here.
 
     Returns:
-        (height_px, width_px) uint8; 255 is the maximum, 0 is `dynamic_range_db` below it or weaker.
+        (height_px, width_px) uint8; 255 is the maximum, 0 is `dynamic_range_db` below it or weaker. Black too
+        is what lies more than half a step beyond the outermost lines. A line alone fills the image's width.
     """
-    decibels = log_compress(envelope(signals), imaging.dynamic_range_db)
+    envelopes = envelope(signals)
     lines = np.asarray(line_positions, dtype=np.float64)
     steps = np.diff(lines, prepend=lines[:1]) if lines.ndim == 1 else lines
     if (
-        lines.shape != (decibels.shape[1],)
+        lines.shape != (envelopes.shape[1],)
         or not np.isfinite(lines).all()
         or not (steps[1:] > 0).all()
         or not np.allclose(steps[1:], steps[1:2], rtol=1e-3, atol=0.0)
     ):
         raise ValueError(
-            f"line_positions must be {decibels.shape[1]} increasing, equally spaced positions, not {lines!r}."
+            f"line_positions must be {envelopes.shape[1]} increasing, equally spaced positions, "
+            f"not {lines!r}."
         )
     positive("sampling_frequency", sampling_frequency)
     positive("speed_of_sound", speed_of_sound)
     number("time_zero", time_zero)
-    step = speed_of_sound / (2 * sampling_frequency)
-    rows = _resampling(
-        len(decibels), time_zero * speed_of_sound / 2, step, imaging.height_px, imaging.pixel_size
-    )
+    first, step = time_zero * speed_of_sound / 2, speed_of_sound / (2 * sampling_frequency)
+    if imaging.tgc_db_per_cm != 0.0:
+        depths = first + np.arange(len(envelopes)) * step
+        envelopes = gain.amplified(envelopes, depths, imaging.tgc_db_per_cm)
+    decibels = log_compress(envelopes, imaging.dynamic_range_db)
+    rows = _resampling(len(decibels), first, step, imaging.height_px, imaging.pixel_size)
     spacing = float(steps[1:].mean()) if len(lines) > 1 else imaging.pixel_size
     left = -imaging.width_px / 2 * imaging.pixel_size
     columns = _resampling(len(lines), float(lines[0]) - left, spacing, imaging.width_px, imaging.pixel_size)
-    image = columns @ (rows @ decibels).T
+    image: npt.NDArray[np.float32] = columns @ (rows @ decibels).T
     pixels = np.rint(image.T * np.float32(255.0 / imaging.dynamic_range_db)).astype(np.uint8)
-    # cv2 repeats the border: zeros there would darken it, and the corners most.
-    return np.asarray(cv2.medianBlur(pixels, imaging.median_size)) if imaging.median_size > 1 else pixels
+    # cv2 repeats the border: zeros there would darken it, and the corners most. So would zeros beyond the
+    # lines, which are therefore put there at the end.
+    if imaging.median_size > 1:
+        pixels = np.asarray(cv2.medianBlur(pixels, imaging.median_size))
+    if len(lines) > 1:
+        centers = left + (np.arange(imaging.width_px) + 0.5) * imaging.pixel_size
+        half = spacing / 2 * (1 + 1e-9)
+        pixels[:, (centers < lines[0] - half) | (centers > lines[-1] + half)] = 0
+    return np.asarray(pixels)
+
+
+def simulated_bmode(
+    signals: npt.ArrayLike,
+    array: LinearArray,
+    imaging: Imaging = DEFAULT_IMAGING,
+    line_positions: npt.ArrayLike | None = None,
+) -> npt.NDArray[np.uint8]:
+    """Make an image of what `simulate_rf` or `simulate_iq` returned: a point is shown where it is.
+
+    Simulated time counts from the pulse's start, and the middle of the pulse comes `array.pulse_delay` later.
+
+    Args:
+        signals: RF (real) or I/Q (complex), (n_samples, n_lines).
+        array: The array with which they were simulated.
+        imaging: Size and dynamic range of the image.
+        line_positions: As they were simulated, (n_lines,) m; default `array.line_positions`.
+
+    Returns:
+        (height_px, width_px) uint8, as `bmode`.
+    """
+    is_iq = np.iscomplexobj(signals)
+    return bmode(
+        signals,
+        array.iq_sampling_frequency if is_iq else array.rf_sampling_frequency,
+        array.line_positions if line_positions is None else line_positions,
+        time_zero=-array.pulse_delay,
+        speed_of_sound=array.speed_of_sound,
+        imaging=imaging,
+    )
 
 
 def log_compress(envelopes: npt.NDArray[np.float32], dynamic_range_db: float) -> npt.NDArray[np.float32]:

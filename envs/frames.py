@@ -2,86 +2,45 @@
 
 One file per (phantom, array, imaging, simulator): its name is a hash of all four, where "simulator" means the
 sources that compute a frame, the versions of the libraries under them and the processor; an image's content
-is part of its phantom. `frame_files.py` writes it atomically and checks it; what does not fit is simulated
-again, never served.
+is part of its phantom. `cache/frame_files.py` writes it atomically and checks it; what does not fit is
+simulated again, never served.
 """
 
 from __future__ import annotations
 
-import ast
 import contextlib
 import hashlib
-import platform
 import warnings
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import fields, is_dataclass
 from functools import lru_cache
-from importlib import metadata
-from pathlib import Path
-from typing import Any
 
-import llvmlite.binding
 import numpy as np
 import numpy.typing as npt
 
-from usbench.envs import frame_files
 from usbench.envs.bmode import Imaging
+from usbench.envs.cache import frame_files
+from usbench.envs.cache.folder import mark_used
+from usbench.envs.cache.sources import code_hash, hash_of, sources
 from usbench.envs.pose import Pose
 from usbench.envs.probe import LinearArray
 from usbench.envs.scanner import scan, scan_batch
 from usbench.envs.settings import as_row, from_row, table_of
 from usbench.envs.tissue import Tissue
+from usbench.words import in_words
 
 Frame = npt.NDArray[np.uint8]
 Progress = Callable[[int, int], None]
 _BATCH = 12  # frames that are made side by side, and told of together
 
-_LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "opencv-python-headless")
-
-
-def sources(*first: str) -> dict[str, bytes]:
-    """Return the source by name of every module that computes a frame: the `first`, and what they import."""
-    found: dict[str, bytes] = {}
-    waiting = list(first)
-    while waiting:
-        name = waiting.pop()
-        if name in found:
-            continue
-        found[name] = _file(name).read_bytes()
-        for node in ast.walk(ast.parse(found[name])):
-            modules = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-            if isinstance(node, ast.ImportFrom):
-                modules = [f"{node.module}.{alias.name}" for alias in node.names]
-            waiting += [own for module in modules if (own := _own_module(module))]
-    return found
-
-
-def _own_module(imported: str) -> str:
-    """Return the module below usbench.envs that an import names, or takes a name from; "" if none."""
-    name = imported.removeprefix("usbench.envs.")
-    if name == imported:
-        return ""
-    return name if _file(name).exists() else name.rpartition(".")[0]
-
-
-def _file(name: str) -> Path:
-    return Path(__file__).parent.joinpath(*name.split(".")).with_suffix(".py")
-
 
 def _simulator() -> str:
     """Return a hash of the code and the libraries that compute a frame, and of the processor."""
-    versions = [f"{name} {metadata.version(name)}" for name in _LIBRARIES]
-    processor = (platform.machine(), llvmlite.binding.get_host_cpu_name())
-    return _hash((sorted(sources("scanner").items()), versions, processor))
+    return code_hash("scanner")
 
 
 def _anatomy() -> str:
     """Return a hash of the code that turns an image into tissue, or into frames."""
-    return _hash(sorted(sources("anatomy.simulated", "anatomy.recorded").items()))
-
-
-def _hash(value: object) -> str:
-    return hashlib.sha256(repr(value).encode()).hexdigest()
+    return hash_of(sorted(sources("anatomy.simulated", "anatomy.recorded").items()))
 
 
 # Taken when the code is: sources that change later are not what this process runs.
@@ -89,27 +48,34 @@ SIMULATOR, ANATOMY = _simulator(), _anatomy()
 
 
 class FrameStore:
-    """Frames of one phantom, array and imaging by pose: simulated once, then looked up."""
+    """Frames of one phantom, array and imaging by pose: simulated once, then looked up.
+
+    Attributes:
+        scene: Phantom, array and imaging.
+        path: The file on disk.
+    """
 
     def __init__(self, phantom: Tissue, array: LinearArray, imaging: Imaging) -> None:
         """Nothing is read or simulated yet."""
-        self._scene = (phantom.shown, array, imaging)
+        self.scene = (phantom.shown, array, imaging)
         self._frames: dict[Pose, Frame] = {}
         self._loaded = False
-        key = _hash((*self._scene, SIMULATOR, ANATOMY))
+        key = hash_of((*self.scene, SIMULATOR, ANATOMY))
         # The code of a stranger's tissue is in no hash: its frames are not kept on disk.
         self._is_kept = type(phantom).__module__.startswith("usbench.envs.")
-        self.path = frame_files.frames_path(key)
+        self.path = frame_files.FRAMES.path(key)
 
     def frame(self, pose: Pose) -> Frame:
         """Return the frame from `pose`, (height_px, width_px) uint8, read-only."""
-        frame = self._frames.get(pose)
-        if frame is None:
+        if not self.has(pose):
+            make([(self, pose)])
+        return self._frames[pose]
+
+    def has(self, pose: Pose) -> bool:
+        """Return whether the frame from `pose` is in memory or on disk."""
+        if pose not in self._frames:
             self._load()
-            frame = self._frames.get(pose)
-        if frame is None:
-            frame = self._keep(pose, self._scan([pose])[0])
-        return frame
+        return pose in self._frames
 
     def prepare(self, poses: Iterable[Pose], progress: Progress | None = None) -> None:
         """Simulate what is missing of `poses` and keep it on disk; `progress(done, total)` after each."""
@@ -120,8 +86,8 @@ class FrameStore:
             alike = [pose for pose in missing if table_of(pose) == table]
             for start in range(0, len(alike), _BATCH):
                 batch = alike[start : start + _BATCH]
-                for pose, frame in zip(batch, self._scan(batch), strict=True):
-                    self._keep(pose, frame)
+                make([(self, pose) for pose in batch])
+                for _ in batch:
                     done += 1
                     if progress is not None:
                         progress(done, len(missing))
@@ -135,18 +101,8 @@ class FrameStore:
             digest.update(self.frame(pose).tobytes())
         return digest.hexdigest()
 
-    def _scan(self, poses: Sequence[Pose]) -> Sequence[Frame]:
-        phantom, array, imaging = self._scene
-        shape = imaging.height_px, imaging.width_px
-        recorded = [phantom.recorded_frame(pose, shape, imaging.pixel_size) for pose in poses]
-        found = [frame for frame in recorded if frame is not None]
-        if found:
-            return found
-        if len(poses) == 1:
-            return [scan(phantom, poses[0], array, imaging)]
-        return list(scan_batch([(phantom, pose) for pose in poses], array, imaging))
-
-    def _keep(self, pose: Pose, frame: Frame) -> Frame:
+    def keep(self, pose: Pose, frame: Frame) -> Frame:
+        """Keep a frame in memory, and return the one that is kept for `pose`."""
         frame.flags.writeable = False
         return self._frames.setdefault(pose, frame)
 
@@ -165,9 +121,9 @@ class FrameStore:
 
     def _read(self) -> None:
         contents = frame_files.read(self.path)
-        frame_files.mark_used(self.path)
+        mark_used(self.path)
         for pose, frame in zip(contents.poses.tolist(), contents.frames, strict=True):
-            self._keep(from_row(pose), frame)
+            self.keep(from_row(pose), frame)
 
     def _save(self) -> None:
         if not self._is_kept:
@@ -182,23 +138,35 @@ class FrameStore:
             self._read()  # what other processes have added meanwhile
         poses = np.array([as_row(pose) for pose in self._frames], dtype=np.int32)
         frames = np.stack(list(self._frames.values()))
-        scene = " ".join(map(_in_words, self._scene))
+        scene = " ".join(map(in_words, self.scene))
         try:
             frame_files.write(self.path, frame_files.Contents(scene, SIMULATOR, poses, frames))
         except OSError as error:
             warnings.warn(f"frames are not kept on disk: {error}.", stacklevel=3)
 
 
+def make(wanted: Iterable[tuple[FrameStore, Pose]]) -> None:
+    """Make the frames that stores do not have yet, all of one array and imaging at once, on all cores."""
+    missing = list(dict.fromkeys((store, pose) for store, pose in wanted if not store.has(pose)))
+    for array, imaging in dict.fromkeys(store.scene[1:] for store, _ in missing):
+        alike = [(store, pose) for store, pose in missing if store.scene[1:] == (array, imaging)]
+        scenes = [(store.scene[0], pose) for store, pose in alike]
+        for (store, pose), frame in zip(alike, _frames(scenes, array, imaging), strict=True):
+            store.keep(pose, frame)
+
+
+def _frames(scenes: Sequence[tuple[Tissue, Pose]], array: LinearArray, imaging: Imaging) -> list[Frame]:
+    """Return a frame per tissue and pose: of the recorded image where there is one, or simulated."""
+    shape = imaging.height_px, imaging.width_px
+    recorded = [tissue.recorded_frame(pose, shape, imaging.pixel_size) for tissue, pose in scenes]
+    missing = [scene for scene, frame in zip(scenes, recorded, strict=True) if frame is None]
+    simulated = iter(
+        [scan(*missing[0], array, imaging)] if len(missing) == 1 else scan_batch(missing, array, imaging)
+    )
+    return [next(simulated) if frame is None else frame for frame in recorded]
+
+
 @lru_cache(maxsize=8)
 def frame_store(phantom: Tissue, array: LinearArray, imaging: Imaging) -> FrameStore:
     """Return the store of this scene that the whole process shares."""
     return FrameStore(phantom, array, imaging)
-
-
-def _in_words(value: Any) -> str:
-    """Return a dataclass with those fields alone that differ from their defaults."""
-    if not is_dataclass(value):
-        return repr(value)
-    changed = [field.name for field in fields(value) if getattr(value, field.name) != field.default]
-    settings = ", ".join(f"{name}={_in_words(getattr(value, name))}" for name in changed)
-    return f"{type(value).__name__}({settings})"

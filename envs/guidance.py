@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, TypeVar
+from collections.abc import Iterable
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import gymnasium as gym
 import numpy as np
@@ -13,6 +14,8 @@ from usbench.coordinates import POSE
 from usbench.envs.bmode import Imaging
 from usbench.envs.frames import FrameStore, frame_store
 from usbench.envs.image_reward import check_depth, likeness, standard_view
+from usbench.envs.observation import senses as sensing
+from usbench.envs.observation.senses import Observation
 from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Move, Pose, coordinates, sin_deg
 from usbench.envs.probe import LinearArray
@@ -23,7 +26,23 @@ from usbench.envs.tissue import Tissue
 T = TypeVar("T")
 
 
-class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
+class Moved(NamedTuple):
+    """What an action and noise did to the probe.
+
+    Attributes:
+        pose: After the action and before the noise, for which the reward is.
+        displaced: By how much noise changed each coordinate that it meant to.
+        stops: Whether the action ends the episode.
+        times: How many times the pose's reward is earned.
+    """
+
+    pose: Pose
+    displaced: dict[str, int]
+    stops: bool
+    times: int
+
+
+class GuidanceEnv(gym.Env[Observation, int]):
     """A probe over a phantom; subclasses set `task` and describe themselves.
 
     Args:
@@ -32,6 +51,9 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
         phantom: The tissue that is examined: a `Phantom` or a custom `Anatomy`.
         probe: The transducer.
         imaging: How RF becomes an image; the observation space has its size.
+        senses: What the agent is told beside the frame, any of "position", "focus", "heading" and "actions"
+            that the task has; None for the task's own, which most tasks have none of. With senses the
+            observation is a dictionary of `image` and `senses`, see `observation/senses.py`.
         render_mode: None or "rgb_array".
 
     Attributes:
@@ -44,6 +66,8 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 4}
     task: ClassVar[Task]
     default_phantom: ClassVar[Phantom] = Phantom()
+    default_imaging: ClassVar[Imaging] = Imaging()
+    default_senses: ClassVar[tuple[str, ...]] = ()
     # The arguments that frames follow from.
     scene: ClassVar[tuple[str, ...]] = ("phantom", "probe", "imaging")
 
@@ -55,6 +79,7 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
         phantom: Tissue | None = None,
         probe: LinearArray | None = None,
         imaging: Imaging | None = None,
+        senses: Iterable[str] | None = None,
         render_mode: str | None = None,
     ) -> None:
         """Check the configuration; nothing is simulated before the first reset."""
@@ -62,19 +87,21 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
         self.reward = check_reward(reward, self.task)
         self.phantom = self._fitting(self.default_phantom if phantom is None else phantom)
         self.probe = _instance("probe", probe, LinearArray())
-        self.imaging = _instance("imaging", imaging, Imaging())
+        self.imaging = _instance("imaging", imaging, self.default_imaging)
         if self.reward == IMAGE:
             check_depth(self.imaging)
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise unknown("render_mode", render_mode, self.metadata["render_modes"])
         self.render_mode = render_mode
+        self.senses = sensing.checked(self.default_senses if senses is None else senses, self.task)
         self.target = self.phantom.target
         self.action_space = gym.spaces.Discrete(len(self.task.actions))  # type: ignore[assignment]
-        self.observation_space = gym.spaces.Box(
-            0, 255, (self.imaging.height_px, self.imaging.width_px, 1), np.uint8
+        self.observation_space = self.senses.space(
+            gym.spaces.Box(0, 255, (self.imaging.height_px, self.imaging.width_px, 1), np.uint8)
         )
         self.is_watched = True
         self._pose: Pose | None = None
+        self._last_action: int | None = None
         self._frames: FrameStore | None = None
         self._steps_left = 0
 
@@ -87,7 +114,7 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[npt.NDArray[np.uint8], dict[str, Any]]:
+    ) -> tuple[Observation, dict[str, Any]]:
         """Put the probe on a start pose drawn uniformly from the task's.
 
         Args:
@@ -99,42 +126,67 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
             TypeError: If an option is not a number.
             ValueError: If an option is unknown, not a whole number or outside the probe's limits.
         """
+        self.start(seed, options)
+        return self.first_observation()
+
+    def step(self, action: int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Act, reward, displace with probability `noise`, observe; terminates where the agent stops."""
+        return self.outcome(self.move(action))
+
+    # Both come in halves: first what moves the probe, then what looks at frames. In between, a vector of
+    # environments makes the frames of all of them at once.
+
+    def start(self, seed: int | None = None, options: dict[str, Any] | None = None) -> None:
+        """Do the first half of `reset`, with the same arguments and errors: no frame is looked at."""
         super().reset(seed=seed)
         # Drawn even where options replace it, so that they do not shift the stream.
         start = self.task.starts[self.np_random.integers(len(self.task.starts))]
         self._pose = self._with_options(start, options)
+        self._last_action = None
         self._steps_left = self.task.n_steps
+
+    def first_observation(self) -> tuple[Observation, dict[str, Any]]:
+        """Do the second half of `reset`: return observation and info."""
         return self._observation(), self._info({})
 
-    def step(self, action: int) -> tuple[npt.NDArray[np.uint8], float, bool, bool, dict[str, Any]]:
-        """Act, reward, displace with probability `noise`, observe; terminates where the agent stops."""
+    def move(self, action: int) -> Moved:
+        """Do the first half of `step`: act and displace with probability `noise`; no frame is looked at."""
         if isinstance(action, bool) or not self.action_space.contains(action):
             raise ValueError(
                 f"action must be a whole number from 0 to {len(self.task.actions) - 1}, not {action!r}."
             )
         pose = self.pose.moved(self.task.actions[int(action)].move, self.task.limits)
-        stopped = self.task.stops and int(action) == len(self.task.actions) - 1
-        times = max(self._steps_left, 1) if stopped else 1
-        reward = self._reward(pose) * times
+        stops = self.task.stops and int(action) == len(self.task.actions) - 1
+        times = max(self._steps_left, 1) if stops else 1
         self._steps_left -= 1
+        self._last_action = int(action)
 
         # Both numbers are drawn at every step: the stream depends neither on the actions nor on `noise`.
-        occurs = self.np_random.random() < self.noise and not stopped
+        occurs = self.np_random.random() < self.noise and not stops
         displacement = self.task.displacements[self.np_random.integers(len(self.task.displacements))]
         self._pose = pose.moved(displacement, self.task.limits) if occurs else pose
         displaced = _difference(pose, self._pose, displacement) if occurs else {}
-        info = self._info(displaced)
+        return Moved(pose, displaced, stops, times)
+
+    def outcome(self, moved: Moved) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Do the second half of `step`: return observation, reward, terminated, truncated and info."""
+        info = self._info(moved.displaced)
         if self.reward == IMAGE:
-            info["true_reward"] = self.task.reward(pose, self.target, REWARDS[0]) * times
-        return self._observation(), reward, stopped, False, info
+            info["true_reward"] = self.task.reward(moved.pose, self.target, REWARDS[0]) * moved.times
+        return self._observation(), self._reward(moved.pose) * moved.times, moved.stops, False, info
+
+    def looks_at(self, moved: Moved | None = None) -> list[Pose]:
+        """Return the poses whose frames the second half of `step`, or of `reset`, looks at."""
+        rewarded = [moved.pose] if moved is not None and self._rewards_frames else []
+        return rewarded + ([self.pose] if self.is_watched or self.task.reward_from_frames else [])
 
     def state_rewards(self) -> npt.NDArray[np.float64]:
         """Return the reward of being in every state of the task, (n_states,), as this environment gives it.
 
         Where frames tell it, they are those of this phantom, probe and imaging, made at once and kept.
         """
-        if self.task.reward_from_frames or self.reward == IMAGE:
-            self._store.prepare(self.task.states)
+        if self._rewards_frames:
+            self.frames.prepare(self.task.states)
         return np.array([self._reward(pose) for pose in self.task.states], dtype=np.float64)
 
     def render(self) -> npt.NDArray[np.uint8] | None:
@@ -165,19 +217,29 @@ class GuidanceEnv(gym.Env[npt.NDArray[np.uint8], int]):
             )
         return tissue
 
-    def _observation(self) -> npt.NDArray[np.uint8]:
-        if not self.is_watched:
-            return np.zeros((self.imaging.height_px, self.imaging.width_px, 1), np.uint8)
-        return self._frame(self.pose)[:, :, np.newaxis].copy()
+    def _observation(self) -> Observation:
+        if self.is_watched:
+            image = self._frame(self.pose)[:, :, np.newaxis].copy()
+        else:
+            image = np.zeros((self.imaging.height_px, self.imaging.width_px, 1), np.uint8)
+        if not self.senses.names:
+            return image
+        told = self.senses.values(self.pose, self._last_action)
+        return {sensing.IMAGE: image, sensing.SENSES: told}
 
     @property
-    def _store(self) -> FrameStore:
+    def _rewards_frames(self) -> bool:
+        return self.task.reward_from_frames or self.reward == IMAGE
+
+    @property
+    def frames(self) -> FrameStore:
+        """The frames of the tissue that is examined now."""
         if self._frames is None:
             self._frames = frame_store(self.phantom, self.probe, self.imaging)
         return self._frames
 
     def _frame(self, pose: Pose) -> npt.NDArray[np.uint8]:
-        return self._store.frame(pose)
+        return self.frames.frame(pose)
 
     def _reward(self, pose: Pose) -> float:
         if self.reward == IMAGE:

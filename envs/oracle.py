@@ -103,6 +103,14 @@ class Policy:
         """Whether an action is as good as the best one, (n_steps, n_states, n_actions)."""
         return np.asarray(self.costs == 0)
 
+    def returns(self, step: int, pose: Pose | tuple[int, ...]) -> npt.NDArray[np.float64]:
+        """Return the expected return to the end of every action after `step` steps at `pose`, (n_actions,).
+
+        The best policy follows the action; equally good actions have equal bits.
+        """
+        step, state = self._step(step), self._state(pose)
+        return np.asarray(self.values[step, state] - self.costs[step, state])
+
     def action(self, step: int, pose: Pose | tuple[int, ...]) -> int:
         """Return the best action after `step` steps at `pose` (its coordinates in the task's order)."""
         return int(self.actions[self._step(step), self._state(pose)])
@@ -140,10 +148,14 @@ class Planner:
 
     def action(self, step: int, pose: tuple[int, ...], target: tuple[int, ...] | None = None) -> int:
         """Return the best action after `step` steps at `pose`; `target` is the process's unless given."""
+        return self.policy(target).action(step, pose)
+
+    def policy(self, target: tuple[int, ...] | None = None) -> Policy:
+        """Return the best policy for `target`, by default the process's own."""
         goal = self._process.target if target is None else Pose(*target)
         if goal not in self._policies:
             self._policies[goal] = replace(self._process, target=goal).policy()
-        return self._policies[goal].action(step, pose)
+        return self._policies[goal]
 
 
 def returns(

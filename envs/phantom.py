@@ -180,9 +180,19 @@ class Phantom:
         return positions.take(which, axis=0), self.amplitudes.take(which)
 
 
+def keep_scatterers(n_phantoms: int) -> None:
+    """Let this process keep the scatterers of `n_phantoms` phantoms, half a megabyte each.
+
+    Sixteen are kept anyway. To draw them takes as long as a frame: many environments in step, each with a
+    phantom of its own, would draw all of them again at every step.
+    """
+    global _scatterers
+    if n_phantoms > _scatterers.cache_parameters()["maxsize"]:
+        _scatterers = lru_cache(maxsize=n_phantoms)(_drawn)
+
+
 # Outside the dataclass, so that a pickled phantom is its configuration and not half a megabyte of arrays.
-@lru_cache(maxsize=16)
-def _scatterers(phantom: Phantom) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+def _drawn(phantom: Phantom) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """Draw the scatterers of `phantom`: positions (n, 3) m and amplitudes (n,).
 
     Two populations: round(density * volume) positions, uniform over the whole phantom for the tissue and over
@@ -212,3 +222,6 @@ def _scatterers(phantom: Phantom) -> tuple[npt.NDArray[np.float64], npt.NDArray[
     positions.flags.writeable = False
     amplitudes.flags.writeable = False
     return positions, amplitudes
+
+
+_scatterers = lru_cache(maxsize=16)(_drawn)

@@ -9,9 +9,37 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from usbench.checks import non_negative, positive, whole_number
+from usbench.checks import (
+    HERTZ,
+    METRES,
+    METRES_PER_SECOND,
+    number,
+    plain,
+    positive,
+    quantity,
+    whole_number,
+)
 
 _WHOLE = ("n_elements", "n_active", "n_lines", "n_elevation")
+_CYCLES = ("excitation_cycles", "impulse_response_cycles")
+# Wider than any array of medicine or material testing, and too narrow for a value in another unit.
+_BOUNDS = {
+    "center_frequency": (1e5, 1e8, HERTZ),
+    "sampling_frequency": (1e6, 1e10, HERTZ),
+    "speed_of_sound": (300.0, 1e4, METRES_PER_SECOND),
+    "element_width": (1e-6, 10e-3, METRES),
+    "kerf": (0.0, 10e-3, METRES),
+    "element_height": (1e-6, 0.1, METRES),
+    "line_spacing": (1e-6, 20e-3, METRES),
+    "slice_thickness": (1e-6, 0.2, METRES),
+    "receive_focus": (1e-4, 0.5, METRES),
+}
+DYNAMIC = "dynamic"  # of `receive_focus`
+# Also of a single element that is far smaller than a wavelength, and of a sparse array.
+_PITCH_WAVELENGTHS = 0.01, 10.0
+_MOST_KERF = 4.0
+_WIDEST = 0.5
+_MOST_RECTANGLES = 1000
 
 
 @dataclass(frozen=True)
@@ -19,7 +47,8 @@ class LinearArray:
     """A linear array whose active aperture walks along with the scan line.
 
     Transmit and receive share aperture, apodisation and delays: a Hann window over the `n_active` elements
-    nearest to the line, and one fixed focus on the line. Defaults: Jarosik and Lewandowski (2019).
+    nearest to the line, and one fixed focus on the line, unless `receive_focus` or `receive_f_number` set the
+    receive apart. Defaults: Jarosik and Lewandowski (2019).
 
     Attributes:
         center_frequency: Of the excitation and of the impulse response, Hz.
@@ -38,6 +67,10 @@ class LinearArray:
         slice_thickness: Thickness in elevation of the tissue that makes a frame, m; scatterers farther than
             half of it from the image plane are left out. The paper's authors simulate 10 mm, twice the
             height of their elements.
+        receive_focus: Depth that is focused on in receive, m; "dynamic": on the depth c t / 2 at the time t,
+            that is on every scatterer at its distance. None: on the focal depth, as in transmit.
+        receive_f_number: The receive aperture is at most as wide as the depth of the receive focus divided by
+            this number: a Hann window about the line. None: the aperture of the transmit.
     """
 
     center_frequency: float = 3.5e6
@@ -54,16 +87,13 @@ class LinearArray:
     impulse_response_cycles: float = 2.0
     n_elevation: int = 10
     slice_thickness: float = 10e-3
+    receive_focus: float | str | None = None
+    receive_f_number: float | None = None
 
     def __post_init__(self) -> None:
         """Hold the values as plain numbers, or refuse them."""
         for name in (field.name for field in fields(self)):
-            value = getattr(self, name)
-            if name in _WHOLE:
-                value = whole_number(name, value, low=1)
-            else:
-                value = non_negative(name, value) if name == "kerf" else positive(name, value)
-            object.__setattr__(self, name, value)
+            object.__setattr__(self, name, _checked(name, getattr(self, name)))
         if self.n_active > self.n_elements:
             raise ValueError(f"n_active must be at most n_elements = {self.n_elements}, not {self.n_active}.")
         if self.sampling_frequency < 7 * self.center_frequency:
@@ -71,6 +101,29 @@ class LinearArray:
                 "sampling_frequency must be at least 7 times center_frequency "
                 f"({7 * self.center_frequency:g} Hz), not {self.sampling_frequency:g}."
             )
+        self._check_proportions()
+
+    def _check_proportions(self) -> None:
+        """Refuse values of which each is possible, but not all of them together."""
+        if self.n_elements > 1 and self.kerf > _MOST_KERF * self.element_width:
+            raise ValueError(
+                f"kerf, the gap between elements, must be at most {_MOST_KERF:g} times element_width "
+                f"({plain(_MOST_KERF * self.element_width)} m), not {plain(self.kerf)}."
+            )
+        low, high = (plain(limit * self.wavelength) for limit in _PITCH_WAVELENGTHS)
+        if not _PITCH_WAVELENGTHS[0] <= self.pitch / self.wavelength <= _PITCH_WAVELENGTHS[1]:
+            raise ValueError(
+                "element_width + kerf must be between a hundredth of a wavelength and ten "
+                f"([{low}, {high}] m at {plain(self.center_frequency)} Hz), not {plain(self.pitch)}."
+            )
+        for count, step, width in (
+            ("n_elements", "the pitch", self.n_elements * self.pitch),
+            ("n_lines", "line_spacing", self.width),
+        ):
+            if width > _WIDEST:
+                raise ValueError(f"{count} times {step} must be at most {_WIDEST} m, not {plain(width)} m.")
+        if self.n_elevation > _MOST_RECTANGLES:
+            raise ValueError(f"n_elevation must be at most {_MOST_RECTANGLES}, not {self.n_elevation}.")
 
     @property
     def pitch(self) -> float:
@@ -106,6 +159,31 @@ class LinearArray:
         """Return the apodisation at `positions` (m) from the aperture's centre, within its width."""
         width = (self.n_active + 1) * self.pitch
         return np.asarray(0.5 * (1.0 + np.cos(2.0 * np.pi * positions / width)))
+
+    @property
+    def receives_apart(self) -> bool:
+        """Whether focus or aperture of the receive are others than those of the transmit."""
+        return self.receive_focus is not None or self.receive_f_number is not None
+
+    @property
+    def receives_dynamically(self) -> bool:
+        """Whether the receive focus follows the echoes."""
+        return isinstance(self.receive_focus, str)
+
+    def receive_depths(
+        self, focal_depth: float, distances: npt.NDArray[np.floating]
+    ) -> npt.NDArray[np.float64]:
+        """Return the depths of the receive focus for echoes from `distances` (m) of the line, as many, m."""
+        if isinstance(self.receive_focus, str):
+            return np.asarray(distances, dtype=np.float64)
+        return np.full(np.shape(distances), focal_depth if self.receive_focus is None else self.receive_focus)
+
+    def receive_half_width(self, depths: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
+        """Return where the receive window about the line is zero, for a receive focus at `depths` (m), m."""
+        widths = np.full(np.shape(depths), self.aperture_width)
+        if self.receive_f_number is not None:
+            widths = np.clip(depths / self.receive_f_number, self.pitch, widths)
+        return np.asarray((widths + self.pitch) / 2)
 
     def aperture_centers(self, line_positions: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Return where the centres of the active apertures of lines at (n_lines,) m lie, (n_lines,) m.
@@ -161,9 +239,28 @@ class LinearArray:
         return float(np.arange(len(energy)) @ energy / energy.sum() / self.sampling_frequency)
 
 
-DEFAULT_ARRAY = LinearArray()
+def _checked(name: str, value: object) -> int | float | str | None:
+    """Return the value of a field as a plain number, or raise TypeError or ValueError."""
+    if name in ("receive_focus", "receive_f_number") and value is None:
+        return None
+    if name == "receive_focus" and isinstance(value, str):
+        if value != DYNAMIC:
+            raise ValueError(f"receive_focus must be None, a depth in m or {DYNAMIC!r}, not {value!r}.")
+        return value
+    if name == "receive_f_number":
+        return number(name, value, low=0.1, high=100.0)
+    if name in _WHOLE:
+        return whole_number(name, value, low=1)
+    if name in _CYCLES:
+        return number(name, value, low=0.25, high=100.0)
+    if name != "kerf":
+        positive(name, value)
+    return quantity(name, value, *_BOUNDS[name])
 
 
 def _times(duration: float, sampling_frequency: float) -> npt.NDArray[np.float64]:
     """Return sampling times from 0 to at most `duration`, as MATLAB's 0:1/fs:duration gives them."""
     return np.arange(math.floor(duration * sampling_frequency * (1 + 1e-12)) + 1) / sampling_frequency
+
+
+DEFAULT_ARRAY = LinearArray()

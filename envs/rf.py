@@ -6,6 +6,7 @@ with h the spatial impulse response of the line's apodised and delayed aperture 
 1971; Jensen and Svendsen 1992). `field/slow_sum.py` computes it formula by formula. Here the bracket comes
 from a table per focal depth (`field/response_table.py`) and the distance from the image plane from a short
 filter (`field/elevation.py`); this file adds up the scatterers, as I/Q (`LinearArray.iq_center_frequency`).
+Few scatterers, and lines beyond the array's last full aperture, are summed directly (`field/direct.py`).
 Time zero of a line is the instant at which its reference point (x_l, 0, 0) fires. Tissue may attenuate, by
 exp(-b f d) over a distance d.
 """
@@ -18,13 +19,18 @@ import numpy as np
 import numpy.typing as npt
 from scipy import fft
 
+from usbench.checks import METRES, meant
+from usbench.envs.field.direct import add_echoes
 from usbench.envs.field.elevation import ElevationTaps, elevation_taps
-from usbench.envs.field.response_table import BLOCK, FEWEST_SHARED, ResponseTable, response_table
+from usbench.envs.field.response_table import BLOCK, ResponseTable, response_table
 from usbench.envs.field.summation import N_FIR, N_PHASES, accumulate, delay_filters, merge
 from usbench.envs.probe import LinearArray
 from usbench.envs.threads import divided, in_parallel
 
 _MAX_DISTANCE = 0.5
+# Pairs of line and scatterer that are summed directly: some 25 us each, where a table takes a second to make.
+FEW_PAIRS = 2048
+_FEWEST_SHARED = 8  # active elements: with fewer, the window's shift by an offset is not a small one
 
 
 def simulate_rf(
@@ -115,30 +121,24 @@ def simulate_iq(
     points, weights = points[order], weights[order]
     iq = np.zeros((len(lines), n_samples), dtype=np.complex64)
     if len(points):
-        # Generous steps, so that different scenes share a table.
-        u_limit = 20e-3 * math.ceil(u_max / 20e-3 - 1e-9)
-        z_limit = 90e-3 * math.ceil(reach[2] / 90e-3 - 1e-9)
-        y_limit = 5e-3 * max(1, math.ceil(reach[1] / 5e-3 - 1e-9))
-        farthest = math.hypot(u_limit + array.n_active * array.pitch, z_limit)
-        taps = elevation_taps(array, y_limit, farthest, attenuation)
         offsets = lines - array.aperture_centers(lines)
         shared = np.abs(offsets) <= array.pitch / 2 * (1 + 1e-9)
-        shared &= array.n_active >= FEWEST_SHARED
+        shared &= len(points) * len(lines) > FEW_PAIRS and array.n_active >= _FEWEST_SHARED
         if shared.any():
-            table = response_table(array, focal_depth, u_limit, z_limit, None, attenuation)
+            # Generous steps, so that different scenes share a table.
+            u_limit = 20e-3 * math.ceil(u_max / 20e-3 - 1e-9)
+            z_limit = 90e-3 * math.ceil(reach[2] / 90e-3 - 1e-9)
+            y_limit = 5e-3 * max(1, math.ceil(reach[1] / 5e-3 - 1e-9))
+            farthest = math.hypot(u_limit + array.n_active * array.pitch, z_limit)
+            taps = elevation_taps(array, y_limit, farthest, attenuation)
+            table = response_table(array, focal_depth, u_limit, z_limit, attenuation)
             iq[shared] = _sum(
                 points, weights, table, taps, array, lines[shared], offsets[shared], n_samples, attenuation
             )
-        # For others, as those beyond the array's last full aperture, each side of each line has a table.
-        for line in np.flatnonzero(~shared):
-            for mirror in (1.0, -1.0):
-                side = points[:, 0] >= lines[line] if mirror > 0 else points[:, 0] < lines[line]
-                offset = mirror * float(offsets[line])
-                table = response_table(array, focal_depth, u_limit, z_limit, offset, attenuation)
-                iq[line] += _sum(
-                    points[side] * [mirror, 1.0, 1.0], weights[side], table, taps, array,
-                    mirror * lines[[line]], np.zeros(1), n_samples, attenuation,
-                )[0]  # fmt: skip
+        if not shared.all():  # lines beyond the array's last full aperture, or few scatterers
+            others = np.zeros((np.count_nonzero(~shared), n_samples), dtype=np.complex64)
+            add_echoes(others, points, weights, array, focal_depth, lines[~shared], attenuation)
+            iq[~shared] = others
     return np.ascontiguousarray(iq.T), np.arange(n_samples) / rate
 
 
@@ -173,14 +173,16 @@ def _checked(
         if not np.isfinite(values).all():
             raise ValueError(f"{name} must be finite, without NaN.")
     if not 0 < focal_depth <= _MAX_DISTANCE:
-        raise ValueError(f"focal_depth must be in (0, {_MAX_DISTANCE}] m, not {focal_depth!r}.")
+        hint = meant(focal_depth, 1e-3, _MAX_DISTANCE, METRES)
+        raise ValueError(f"focal_depth must be in (0, {_MAX_DISTANCE}] m, not {focal_depth!r}{hint or '.'}")
     if len(points) and points[:, 2].min() <= 0:
         raise ValueError(
             f"scatterers must lie below the surface (z > 0), not at z = {points[:, 2].min():g} m."
         )
     for name, values in (("positions", points), ("line_positions", lines)):
-        if np.abs(values).max(initial=0.0) > _MAX_DISTANCE:
-            raise ValueError(f"{name} must be within {_MAX_DISTANCE} m, not {np.abs(values).max():g} m.")
+        if (farthest := float(np.abs(values).max(initial=0.0))) > _MAX_DISTANCE:
+            hint = meant(farthest, 1e-3, _MAX_DISTANCE, METRES)
+            raise ValueError(f"{name} must be within {_MAX_DISTANCE} m, not {farthest:g} m{hint or '.'}")
     return points, weights, lines
 
 

@@ -7,13 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from usbench.envs.bmode import DEFAULT_IMAGING, Imaging, bmode
+from usbench.envs.bmode import DEFAULT_IMAGING, Imaging, simulated_bmode
 from usbench.envs.pose import Pose
 from usbench.envs.probe import DEFAULT_ARRAY, LinearArray
+from usbench.envs.receiver.noise import noise
 from usbench.envs.rf import simulate_iq
 from usbench.envs.settings import table_of, tuned
 from usbench.envs.threads import in_parallel
-from usbench.envs.tissue import Scatterers
+from usbench.envs.tissue import Scatterers, Tissue
 
 
 def view(array: LinearArray, imaging: Imaging) -> tuple[float, float]:
@@ -32,6 +33,18 @@ def scan(
     A pure function of its arguments, all of them frozen values. A `Setup` has its settings in place of the
     array's and the imaging's.
     """
+    iq = acquire(phantom, pose, array, imaging)
+    _, array, imaging = tuned(pose, array, imaging)
+    return simulated_bmode(iq, array, imaging)
+
+
+def acquire(
+    phantom: Scatterers, pose: Pose, array: LinearArray = DEFAULT_ARRAY, imaging: Imaging = DEFAULT_IMAGING
+) -> npt.NDArray[np.complex64]:
+    """Return the I/Q from which `scan` makes the frame, (n_samples, n_lines), with noise if imaging has any.
+
+    Time and rate are those of `simulate_iq`.
+    """
     pose, array, imaging = tuned(pose, array, imaging)
     positions, amplitudes = phantom.in_view(pose, *view(array, imaging))
     iq, _ = simulate_iq(
@@ -42,14 +55,10 @@ def scan(
         max_depth=imaging.depth,
         attenuation_db_per_cm_mhz=phantom.attenuation_db_per_cm_mhz,
     )
-    return bmode(
-        iq,
-        array.iq_sampling_frequency,
-        array.line_positions,
-        time_zero=-array.pulse_delay,
-        speed_of_sound=array.speed_of_sound,
-        imaging=imaging,
-    )
+    if imaging.noise_db is None:
+        return iq
+    tissue = phantom.shown if isinstance(phantom, Tissue) else phantom
+    return iq + noise((iq.shape[0], iq.shape[1]), imaging.noise_db, array, tissue, pose)
 
 
 def scan_batch(

@@ -14,7 +14,10 @@ Array = npt.NDArray[np.float64]
 
 
 class Scatterers(Protocol):
-    """What a scanner needs to make an image."""
+    """What a scanner needs to make an image.
+
+    Its `repr` says all that its echoes follow from: the noise of the electronics is drawn from it.
+    """
 
     @property
     def attenuation_db_per_cm_mhz(self) -> float:

@@ -4,7 +4,9 @@ import importlib
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
 
 from usbench import tasks
 
@@ -53,3 +55,41 @@ def test_the_reference_names_every_module_once():
     named = re.findall(r"^   (usbench[\w.]*)$", (ROOT / "docs" / "api.md").read_text(), re.MULTILINE)
     # Importing this one runs the command.
     assert sorted(named) == sorted(MODULES - {"usbench.__main__"})
+
+
+def test_the_blocks_of_the_readme_run_and_its_points_are_seen(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    for block in re.findall(
+        r"^```python\n(.*?)^```", (ROOT / "README.md").read_text(), re.DOTALL | re.MULTILINE
+    ):
+        exec(block, names)
+        if "points.png" in block:
+            assert len(block.split("\n")) == 14  # twelve lines, a blank one, and the end
+            picture = np.asarray(Image.open("points.png"))
+            # Points at depths of 20 and 30 mm, pixels of 0.1 mm, and speckle around them.
+            for row, column in ((200, 120), (300, 120), (300, 170)):
+                assert picture[row - 4 : row + 4, column - 4 : column + 4].max() > 200
+            assert 60 < np.median(picture[60:440]) < 180
+
+
+def cells(page):
+    return re.findall(r"^```\{code-cell\} python\n(.*?)^```", page.read_text(), re.DOTALL | re.MULTILINE)
+
+
+def test_the_gallery_has_eight_short_examples():
+    _, *examples = cells(ROOT / "docs" / "gallery.md")
+    assert len(examples) == 8
+    assert all(len(code.strip().split("\n")) <= 15 for code in examples)
+
+
+@pytest.mark.slow
+def test_the_gallery_runs_and_every_example_draws_something():
+    import matplotlib.pyplot as plt
+
+    plt.switch_backend("agg")
+    names: dict[str, object] = {}
+    for number, code in enumerate(cells(ROOT / "docs" / "gallery.md")):
+        exec(code, names)
+        assert bool(plt.get_fignums()) == (number > 0)
+        plt.close("all")

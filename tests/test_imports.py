@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from made_tables import made, seeds
 
-from usbench.results import tables
+from usbench.results import additions, tables
 
 ROOT = Path(__file__).parents[1]
 FOLDERS = {"usbench": "usbench", "usbench.envs": "envs", "usbench.agents": "agents"}
@@ -21,7 +21,14 @@ READERS = (
 )  # fmt: skip
 LEARNING = {"gymnasium", "torch", "stable_baselines3"}
 # What all of usbench stands on.
-GROUND = ("usbench.checks", "usbench.atomic", "usbench.anchors", "usbench.coordinates")
+GROUND = (
+    "usbench.checks",
+    "usbench.atomic",
+    "usbench.anchors",
+    "usbench.coordinates",
+    "usbench.seed_pools",
+    "usbench.words",
+)
 
 
 def modules():
@@ -132,10 +139,16 @@ def test_custom_anatomies_are_one_kind_of_tissue_among_others():
         assert not own or path.parent.name == "anatomy", path
 
 
+def test_single_environments_know_nothing_of_vectors():
+    for path in (ROOT / "envs").rglob("*.py"):
+        own = {name for name in imported(path) if name.startswith("usbench.envs.vector")}
+        assert not own or path.parent.name == "vector", path
+
+
 @pytest.mark.parametrize("name", GROUND)
-def test_the_ground_floor_imports_nothing_of_the_project(name):
+def test_the_ground_floor_stands_on_nothing_else(name):
     path = ROOT / f"{name.replace('.', '/')}.py"
-    assert not path.exists() or not foreign(path)
+    assert not path.exists() or not foreign(path, *(() if name == "usbench.checks" else GROUND))
 
 
 def test_readers_of_records_import_no_torch():
@@ -185,8 +198,11 @@ def test_the_guide_imports_no_report_no_comparison_and_no_command(path):
 
 
 def test_commands_on_records_load_no_torch_and_from_tables_no_simulator(finished, tmp_path):
-    tables.write(made(*seeds("vpg", [0.5, 0.6])), tmp_path / "leaderboard_files")
+    known = made(*seeds("vpg", [0.5, 0.6]))
     runs = str(finished.parent)
+    # A trial that is new needs a seed that is kept for comparisons.
+    known = additions.joined(known, tables.collect(finished.parent))
+    tables.write(known, tmp_path / "leaderboard_files")
     simulator, torch = {"numba", "cv2", "usbench.envs"}, {"torch", "stable_baselines3"}
     commands = [
         (["leaderboard"], simulator | torch),

@@ -56,7 +56,7 @@ def test_wheel_holds_exactly_the_modules_of_the_folders(wheel):
 
 def test_wheel_is_typed_licensed_and_has_the_command(wheel):
     names = wheel.namelist()
-    assert "usbench/py.typed" in names
+    assert "usbench/py.typed" in names and "usbench/probes/l7-4.toml" in names
     assert any(name.endswith("licenses/LICENSE") for name in names)
     (entry_points,) = (name for name in names if name.endswith("entry_points.txt"))
     assert "usbench = usbench_command:main" in wheel.read(entry_points).decode()

@@ -90,7 +90,7 @@ def test_the_oracle_earns_the_anchors_optimum_on_the_whole_list(name, quick, mon
         Setting(task=name, noise=0.0).anchors().optimal
     )
     # The farthest objects of fp-random are 17 moves away from x -20 mm; drawn frames show no cyst.
-    assert name in ("fp-random", "setup") or all(one.is_success for one in played)
+    assert name in ("fp-random", "setup", "setup-v0") or all(one.is_success for one in played)
 
 
 def test_the_planner_knows_where_each_phantoms_object_is():

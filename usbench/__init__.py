@@ -7,19 +7,20 @@ that `import usbench` stays light.
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from gymnasium.envs.registration import register, registry
-
+from usbench.registration import register_row
 from usbench.tasks import BUILT_IN
 
 if TYPE_CHECKING:
-    from usbench.envs.bmode import Imaging
+    from usbench.envs.anatomy.points import PointScatterers, read_points
+    from usbench.envs.bmode import Imaging, simulated_bmode
     from usbench.envs.phantom import Phantom
     from usbench.envs.pose import Pose
     from usbench.envs.probe import LinearArray
     from usbench.envs.rf import simulate_rf
     from usbench.envs.scanner import scan
     from usbench.records.trial import load_trial, load_trials
-    from usbench.setting import make_env
+    from usbench.setting import make_env, make_vec_env
+    from usbench.setting_files import read_probe
     from usbench.trials.model_loading import load_agent
 
 __version__ = "0.1.0"
@@ -27,31 +28,40 @@ __all__ = [
     "Imaging",
     "LinearArray",
     "Phantom",
+    "PointScatterers",
     "Pose",
     "load_agent",
     "load_trial",
     "load_trials",
     "make_env",
+    "make_vec_env",
+    "read_points",
+    "read_probe",
     "scan",
     "simulate_rf",
+    "simulated_bmode",
 ]
 
 _MODULES = {
     "Imaging": "usbench.envs.bmode",
     "LinearArray": "usbench.envs.probe",
     "Phantom": "usbench.envs.phantom",
+    "PointScatterers": "usbench.envs.anatomy.points",
     "Pose": "usbench.envs.pose",
     "load_agent": "usbench.trials.model_loading",
     "load_trial": "usbench.records.trial",
     "load_trials": "usbench.records.trial",
     "make_env": "usbench.setting",
+    "make_vec_env": "usbench.setting",
+    "read_points": "usbench.envs.anatomy.points",
+    "read_probe": "usbench.setting_files",
     "scan": "usbench.envs.scanner",
     "simulate_rf": "usbench.envs.rf",
+    "simulated_bmode": "usbench.envs.bmode",
 }
 
 for _row in BUILT_IN.values():
-    if _row.env_id not in registry:
-        register(id=_row.env_id, entry_point=_row.entry_point, max_episode_steps=_row.n_steps)
+    register_row(_row)
 
 
 def __getattr__(name: str) -> Any:

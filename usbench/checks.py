@@ -1,4 +1,4 @@
-"""What a user may pass: numbers, whole numbers, probabilities and names, checked alike everywhere.
+"""What a user may pass: numbers, quantities with a unit, and names, checked alike everywhere.
 
 A value comes in, and goes out as a plain Python number; one that is not allowed is refused in one sentence,
 with the value and what is allowed. This module imports nothing of the project, so that all of it can use it.
@@ -10,12 +10,32 @@ import difflib
 import math
 import numbers
 import reprlib
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 
 class ConfigurationError(ValueError):
     """A setting that cannot be used; the message is one sentence for the user."""
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit, and those that a value may have been given in by mistake.
+
+    Attributes:
+        symbol: Of the unit.
+        others: Symbols of other units, the likeliest first, and how many of this unit one of them is.
+    """
+
+    symbol: str
+    others: Mapping[str, float]
+
+
+HERTZ = Unit("Hz", MappingProxyType({"MHz": 1e6, "kHz": 1e3}))
+METRES = Unit("m", MappingProxyType({"mm": 1e-3, "um": 1e-6}))
+METRES_PER_SECOND = Unit("m/s", MappingProxyType({"mm/us": 1e3, "cm/s": 1e-2}))
 
 
 def number(
@@ -53,6 +73,34 @@ def positive(name: str, value: Any) -> float:
 def non_negative(name: str, value: Any) -> float:
     """Return `value` as a finite float from 0; errors are those of `number`."""
     return number(name, value, low=0.0)
+
+
+def quantity(name: str, value: Any, low: float, high: float, unit: Unit) -> float:
+    """Return `value` as a float in [low, high].
+
+    Raises:
+        TypeError: If `value` is not a real number.
+        ValueError: If it lies outside; the message says in which unit it was probably given.
+    """
+    found = non_negative(name, value)
+    if low <= found <= high:
+        return found
+    allowed = f"a number in [{plain(low)}, {plain(high)}] {unit.symbol}"
+    hint = meant(found, low, high, unit)
+    raise ValueError(f"{name} must be {allowed}, not {reprlib.repr(value)}{hint or '.'}")
+
+
+def meant(value: float, low: float, high: float, unit: Unit) -> str:
+    """Return the question in which unit `value` was given, "" if no other unit brings it into [low, high]."""
+    for symbol, factor in unit.others.items():
+        if low <= abs(value) * factor <= high:
+            return f": did you mean {plain(value * factor)} ({plain(value)} {symbol})?"
+    return ""
+
+
+def plain(value: float) -> str:
+    """Return a number in few characters, as Python reads it: 7e6, 0.00027."""
+    return f"{value:g}".replace("e+0", "e").replace("e-0", "e-").replace("e+", "e")
 
 
 def probability(name: str, value: Any) -> float:

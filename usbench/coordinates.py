@@ -1,7 +1,7 @@
 """The coordinates of a pose and the scanner's settings, one row each: what all of usbench says of them.
 
-Poses, moves and limits, slips in words, labels of axes, the columns of records and the guide's keys
-follow from these rows.
+Poses, moves and limits, slips in words, labels of axes, the columns of records, the guide's keys and what an
+agent is told of a tracked probe follow from these rows.
 This module imports nothing of the project, so that all of it can read the table.
 """
 
@@ -44,6 +44,7 @@ class Coordinate:
         period: After how much values come round again; None where they do not.
         is_setting: Whether it is one of the scanner, which plain poses do not have.
         keys: Of a negative and of a positive change on the guide's page; None where the page has none.
+        sense: What an agent that is told the value calls it; None where no agent is told.
     """
 
     name: str
@@ -58,6 +59,7 @@ class Coordinate:
     period: int | None = None
     is_setting: bool = False
     keys: tuple[Key, Key] | None = None
+    sense: str | None = None
 
     def change_in_words(self, change: int) -> str:
         """Return a change as a person says it, "5 mm to the left" for example."""
@@ -69,11 +71,13 @@ COORDINATES = (
     Coordinate(
         name="x_mm", label="position of the probe (mm)", value="x {} mm",
         less="to the left", more="to the right", change="{:g} mm", limits=(-20, 20),
+        sense="position",
         keys=(Key("move left", "ArrowLeft", "←", "left"), Key("move right", "ArrowRight", "→", "right")),
     ),
     Coordinate(
         name="focal_depth_mm", label="focal depth (mm)", value="{} mm deep",
         less="shallower", more="deeper", change="{:g} mm", limits=(5, 90), least=1,
+        sense="focus",
         keys=(
             Key("move the focus up", "ArrowUp", "↑", "up"),
             Key("move the focus down", "ArrowDown", "↓", "down"),
@@ -82,6 +86,7 @@ COORDINATES = (
     Coordinate(
         name="angle_deg", label="angle (degrees)", value="{} degrees",
         less="counter-clockwise", more="clockwise", change="{:g}°", period=360,
+        sense="heading",
         keys=(
             Key("rotate counter-clockwise", "e", "E", "counter-clockwise"),
             Key("rotate clockwise", "r", "R", "clockwise"),

@@ -2,38 +2,50 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
+import json
+import warnings
 from collections import defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Any, TypeVar
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.vector import AutoresetMode
 
 from usbench import anatomy_record, suite
 from usbench.anchors import Anchors
 from usbench.checks import probability, unknown, whole_number
 from usbench.envs import oracle
 from usbench.envs.anatomy import Anatomy
-from usbench.envs.bmode import DEFAULT_IMAGING, Imaging
+from usbench.envs.bmode import Imaging
 from usbench.envs.frames import frame_store
+from usbench.envs.observation.wrappers import ImageStack, NormalizeImage
 from usbench.envs.pose import Pose
 from usbench.envs.probe import DEFAULT_ARRAY, LinearArray
 from usbench.envs.task import IMAGE, Task, check_reward
 from usbench.envs.tasks.random_phantoms import FIRST_HELD_OUT
 from usbench.envs.tissue import Tissue
-from usbench.envs.wrappers import ImageStack, NormalizeImage
+from usbench.envs.vector.wrappers import VectorImageStack, VectorNormalizeImage
 from usbench.records import MAX_FRAMES, ConfigurationError, Frames, TrialConfig
 
 TRUE_REWARD = "normalized"
 TRAINED_ON = (TRUE_REWARD, IMAGE)
 Report = Callable[[int, int], None]
 T = TypeVar("T")
-# Fields of phantom and probe that are younger than trials which are kept: records leave them out where they
-# change nothing, so that a trial has the name that it always had.
-LATER = {"attenuation_db_per_cm_mhz": 0.0, "slice_thickness": 10e-3}
+# Fields of phantom, probe and imaging that are younger than trials which are kept: records leave them out
+# where they change nothing, so that a trial has the name that it always had.
+LATER = {
+    "attenuation_db_per_cm_mhz": 0.0,
+    "slice_thickness": 10e-3,
+    "noise_db": None,
+    "tgc_db_per_cm": 0.0,
+    "receive_focus": None,
+    "receive_f_number": None,
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +59,9 @@ class Setting:
         reward: What the agent is trained on; scores are always those of the true reward.
         anatomy: A custom anatomy in place of the task's phantom; None for the task's own.
         probe: The transducer.
-        imaging: How RF becomes a frame.
+        imaging: How RF becomes a frame; None for the task's own, which the attribute then is.
+        senses: What the agent is told beside the frames, any of those that the task has; None, the default,
+            becomes the task's own.
 
     Raises:
         ConfigurationError: If a value is not allowed; one sentence says which.
@@ -59,7 +73,8 @@ class Setting:
     reward: str = TRUE_REWARD
     anatomy: Anatomy | None = None
     probe: LinearArray = DEFAULT_ARRAY
-    imaging: Imaging = DEFAULT_IMAGING
+    imaging: Imaging = None  # type: ignore[assignment]
+    senses: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         """Hold the values in their own types, or refuse them."""
@@ -71,7 +86,9 @@ class Setting:
             check_reward(self.reward, self.guidance, TRAINED_ON)
             if self.anatomy is not None:
                 self._check_anatomy(self.anatomy)
-            self.plain_env()
+            plain = self.plain_env()
+            object.__setattr__(self, "imaging", plain.imaging)
+            object.__setattr__(self, "senses", plain.senses.names)
         except (TypeError, ValueError) as error:
             raise ConfigurationError(str(error)) from error
 
@@ -87,13 +104,14 @@ class Setting:
         environment = config.environment
         try:
             return cls(
-                task=config.task,
+                task=suite.name_of(environment.get("id"), config.task),
                 noise=config.noise,
                 n_frames=config.n_frames,
                 reward=environment.get("reward", TRUE_REWARD),
                 anatomy=anatomy_record.recorded(environment),
                 probe=_recorded(LinearArray, environment, "probe"),
                 imaging=_recorded(Imaging, environment, "imaging"),
+                senses=tuple(environment.get("senses", ())),
             )
         except ConfigurationError:
             raise
@@ -106,7 +124,8 @@ class Setting:
         scene = {name: _plain_values(getattr(plain, name)) for name in plain.scene}
         own = {} if self.anatomy is None else anatomy_record.plain(self.anatomy)
         reward = {} if self.reward == TRUE_REWARD else {"reward": self.reward}
-        return {"id": self.row.env_id, **scene, **own, **reward}
+        senses = {"senses": list(self.senses)} if self.senses else {}
+        return {"id": self.row.env_id, **scene, **own, **reward, **senses}
 
     @property
     def row(self) -> suite.Task:
@@ -132,21 +151,48 @@ class Setting:
         """Make the environment that every algorithm sees, with stacked frames and normalised pixels."""
         return NormalizeImage(ImageStack(self._registered(render_mode), self.n_frames))
 
+    def make_vec_env(
+        self,
+        num_envs: int,
+        *,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        render_mode: str | None = None,
+    ) -> gym.vector.VectorEnv[Any, Any, Any]:
+        """Make many of these environments in step: frames that are missing are simulated on all cores.
+
+        Args:
+            num_envs: How many.
+            autoreset_mode: When an environment whose episode has ended is reset, as Gymnasium names it.
+            render_mode: None or "rgb_array".
+
+        Raises:
+            TypeError: If an argument has a wrong type.
+            ValueError: If a value is not allowed.
+        """
+        with _of_any_version():
+            env = gym.make_vec(
+                self.row.env_id,
+                num_envs=num_envs,
+                vectorization_mode="vector_entry_point",
+                autoreset_mode=autoreset_mode,
+                render_mode=render_mode,
+                **self._arguments(),
+            )
+        return VectorNormalizeImage(VectorImageStack(env, self.n_frames))
+
     def plain_env(self) -> Any:
         """Make the environment itself, without a limit of its steps and without wrappers."""
         return self._registered().unwrapped
 
     def _registered(self, render_mode: str | None = None) -> gym.Env[Any, Any]:
+        with _of_any_version():
+            return gym.make(self.row.env_id, render_mode=render_mode, **self._arguments())
+
+    def _arguments(self) -> dict[str, Any]:
+        """Return what the environment's class is called with."""
         own: dict[str, Any] = {} if self.anatomy is None else {"phantom": self.anatomy}
-        return gym.make(
-            self.row.env_id,
-            noise=self.noise,
-            reward=self.reward,
-            probe=self.probe,
-            imaging=self.imaging,
-            render_mode=render_mode,
-            **own,
-        )
+        alike = {name: getattr(self, name) for name in ("noise", "reward", "probe", "imaging", "senses")}
+        return alike | own
 
     def anchors(self, report: Report | None = None) -> Anchors:
         """Return the exact expected returns of an evaluation episode.
@@ -184,18 +230,26 @@ class Setting:
         return oracle.Planner(self.process())
 
     def prepare_frames(self, report: Report | None = None) -> Frames:
-        """Simulate the frames of every pose that the task can reach, unless kept; return their digest.
+        """Simulate the frames of the evaluation, unless they are kept; return their digest.
 
-        They are those of the evaluation's phantoms, where training has others.
+        They are those of every pose that the task can reach, in every phantom of the evaluation, or those
+        with which its episodes begin (`Row.every_frame`). Training has other phantoms where there are many.
         """
-        states, phantoms = self.guidance.states, self.evaluation_phantoms()
-        digests = []
-        for number, phantom in enumerate(phantoms):
+        starts = defaultdict(list)
+        for episode in self.evaluation_episodes():
+            starts[episode.phantom_place].append(episode.start)
+        parts = [
+            (phantom, self.guidance.states if self.row.every_frame else tuple(starts[place]))
+            for place, phantom in enumerate(self.evaluation_phantoms())
+        ]
+        digests, done, total = [], 0, sum(len(poses) for _, poses in parts)
+        for phantom, poses in parts:
             store = frame_store(phantom, self.probe, self.imaging)
-            store.prepare(states, report and partial(_of_all, report, number, len(phantoms)))
-            digests.append(store.digest(states))
+            store.prepare(poses, report and partial(_of_all, report, done, total))
+            digests.append(store.digest(poses))
+            done += len(poses)
         one = digests[0] if len(digests) == 1 else hashlib.sha256("".join(digests).encode()).hexdigest()
-        return Frames(one, len(phantoms) * len(states))
+        return Frames(one, total)
 
     @property
     def scored(self) -> Setting:
@@ -224,6 +278,14 @@ class Setting:
             )
 
 
+@contextlib.contextmanager
+def _of_any_version() -> Iterator[None]:
+    """Keep Gymnasium from warning of an earlier version of a task, which is meant where it is named."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", ".*is out of date", DeprecationWarning)
+        yield
+
+
 def make_env(task: str, *, render_mode: str | None = None, **setting: Any) -> gym.Env[Any, Any]:
     """Make the environment that every algorithm sees; `setting` holds other attributes of a `Setting`.
 
@@ -233,9 +295,29 @@ def make_env(task: str, *, render_mode: str | None = None, **setting: Any) -> gy
     return Setting(task=task, **setting).make_env(render_mode=render_mode)
 
 
+def make_vec_env(
+    task: str,
+    num_envs: int,
+    *,
+    autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+    render_mode: str | None = None,
+    **setting: Any,
+) -> gym.vector.VectorEnv[Any, Any, Any]:
+    """Make `num_envs` environments of `make_env` in step; arguments are those of `Setting.make_vec_env`.
+
+    Raises:
+        ConfigurationError: If a value of the setting is not allowed; one sentence says which.
+        TypeError: If another argument has a wrong type.
+        ValueError: If another value is not allowed.
+    """
+    return Setting(task=task, **setting).make_vec_env(
+        num_envs, autoreset_mode=autoreset_mode, render_mode=render_mode
+    )
+
+
 def _plain_values(part: Any) -> dict[str, Any]:
-    """Return a part of the scene as plain values."""
-    values = asdict(part)
+    """Return a part of the scene as the plain values that JSON gives back."""
+    values = json.loads(json.dumps(asdict(part)))
     return {name: value for name, value in values.items() if name not in LATER or value != LATER[name]}
 
 
@@ -244,6 +326,6 @@ def _recorded(cls: Callable[..., T], environment: Mapping[str, Any], name: str) 
     return cls(**environment.get(name, {}))
 
 
-def _of_all(report: Report, number: int, count: int, done: int, total: int) -> None:
-    """Report that the phantoms before `number` are done, of `count` of them with `total` frames each."""
-    report(number * total + done, count * total)
+def _of_all(report: Report, before: int, total: int, done: int, _: int) -> None:
+    """Report that `before` frames and `done` more are simulated, of `total` of all phantoms."""
+    report(before + done, total)

@@ -6,11 +6,12 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from gymnasium.envs.registration import load_env_creator, register, registry
+from gymnasium.envs.registration import load_env_creator
 
 from usbench.envs.pose import Pose
 from usbench.envs.task import Task as GuidanceTask
 from usbench.envs.tasks.random_phantoms import FIRST_HELD_OUT
+from usbench.registration import register_row
 from usbench.tasks import PAPER, Row, rows
 
 # Evaluation seeds have 64 bits and training seeds 32 (SB3's `seed`): the two never meet.
@@ -54,8 +55,7 @@ class EvaluationEpisode:
 
 
 def _guidance(row: Row) -> GuidanceTask:
-    if row.env_id not in registry:  # a task of another package
-        register(id=row.env_id, entry_point=row.entry_point, max_episode_steps=row.n_steps)
+    register_row(row)  # a task of another package
     environment: Any = load_env_creator(row.entry_point)
     return environment.task  # type: ignore[no-any-return]
 
@@ -63,6 +63,15 @@ def _guidance(row: Row) -> GuidanceTask:
 TASKS: Mapping[str, Task] = MappingProxyType(
     {name: Task(**asdict(row), guidance=_guidance(row)) for name, row in rows().items()}
 )
+
+
+def name_of(env_id: object, task: str) -> str:
+    """Return the name of the version of `task` whose environment is `env_id`, or `task` where none is.
+
+    A name stands for the latest version of its task: trials of an earlier one are found by their environment.
+    """
+    versions = [name for name in TASKS if name.startswith(f"{task}-v")]
+    return next((name for name in versions if TASKS[name].env_id == env_id), task)
 
 
 def evaluation_episodes(task: str) -> tuple[EvaluationEpisode, ...]:

@@ -28,6 +28,9 @@ class Row:
         repeats: Evaluation episodes from each start pose.
         drawn_starts: Number of different starts of the evaluation, drawn from all; 0 takes every start.
         phantoms: Phantoms of the evaluation, none of which training meets; 0 where there is one for both.
+        every_frame: Whether all frames of the evaluation's phantoms are simulated before a training, and a
+            trial records their digest; else those with which the evaluation's episodes begin, where all would
+            be too many.
         single: The same task on one phantom, where this one has many.
         silent: Columns of the leaderboard that say nothing about it.
     """
@@ -40,6 +43,7 @@ class Row:
     repeats: int = 1
     drawn_starts: int = 0
     phantoms: int = 0
+    every_frame: bool = True
     single: str = ""
     silent: tuple[str, ...] = ()
 
@@ -86,9 +90,41 @@ BUILT_IN: Mapping[str, Row] = MappingProxyType(
             steps=32_128,
             drawn_starts=72,
         ),
+        "pp-tracked": Row(
+            env_id="usbench/ProbePlaneTracked-v0",
+            entry_point="usbench.envs.tasks.random_phantoms:ProbePlaneTrackedEnv",
+            steps=100_000,
+            drawn_starts=56,
+            phantoms=28,
+        ),
+        "exam-random": Row(
+            env_id="usbench/ExaminationRandom-v0",
+            entry_point="usbench.envs.tasks.random_examination:ExaminationRandomEnv",
+            n_steps=24,
+            steps=100_000,
+            drawn_starts=72,
+            phantoms=36,
+            every_frame=False,
+        ),
+        "exam-tracked": Row(
+            env_id="usbench/ExaminationTracked-v0",
+            entry_point="usbench.envs.tasks.random_examination:ExaminationTrackedEnv",
+            n_steps=24,
+            steps=100_000,
+            drawn_starts=72,
+            phantoms=36,
+            every_frame=False,
+        ),
         "setup": Row(
-            env_id="usbench/ImagingSetup-v0",
+            env_id="usbench/ImagingSetup-v1",
             entry_point="usbench.envs.tasks.imaging_setup:ImagingSetupEnv",
+            drawn_starts=56,
+            silent=("final_distance_mm", "plane_error_deg"),
+        ),
+        # Its first version, in which trials of that name were made before.
+        "setup-v0": Row(
+            env_id="usbench/ImagingSetup-v0",
+            entry_point="usbench.envs.tasks.imaging_setup:ImagingSetupV0Env",
             drawn_starts=56,
             silent=("final_distance_mm", "plane_error_deg"),
         ),

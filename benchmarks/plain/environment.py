@@ -7,7 +7,7 @@ import numpy as np
 from gymnasium.wrappers import FrameStackObservation, TransformObservation
 
 from usbench import suite
-from usbench.envs.wrappers import MEAN, STD
+from usbench.envs.observation.wrappers import MEAN, STD
 
 
 def make_env(task: str) -> gym.Env[Any, Any]:

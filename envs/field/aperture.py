@@ -19,6 +19,7 @@ hardly depends on the offset d.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numba
 import numpy as np
@@ -34,12 +35,28 @@ Spectra = npt.NDArray[np.complex64]
 _DISTANCE_STEP = 0.05e-3
 
 
+class Beam(Protocol):
+    """What has one-way fields: an aperture with a fixed focus, or one that follows the echoes."""
+
+    def only(self, which: slice) -> Beam:
+        """Return the same for some of the frequencies."""
+        ...
+
+    def moved(self, distance: float) -> Beam:
+        """Return what has at u the field of u + `distance` (m)."""
+        ...
+
+    def fields(self, depths: Floats, moment: bool = False) -> Spectra:
+        """Return G_m at `depths` (m), (n_orders, n_depths, n_u, n_frequencies); with `moment`, of r g."""
+        ...
+
+
 @dataclass(frozen=True)
 class Aperture:
     """What the field of a line's active aperture is made of; see `aperture`.
 
     Attributes:
-        orders: m of the fields G_m; (0,) stands for one offset with all its lobes.
+        orders: m of the fields G_m.
         u: Lateral offsets at which fields are returned, from 0 on, (n_u,) m.
         x: Lateral distances from element to point, (n_x,) m.
         first_x: Where u = 0 is in the convolution along x.
@@ -74,14 +91,18 @@ class Aperture:
         turns = np.exp(2j * np.pi * distance * fft.fftfreq(len(self.x), self.x[1] - self.x[0]))
         return replace(self, weights=self.weights * turns.astype(np.complex64))
 
-    def fields(self, depths: Floats, moment: bool = False) -> Spectra:
-        """Return G_m at `depths` (m), (n_orders, n_depths, n_u, n_frequencies); with `moment`, of r g."""
+    def element_fields(self, depths: Floats, moment: bool = False, distance: float = 0.0) -> Spectra:
+        """Return g, or r g, at `distance` (m) beside every x, (n_depths, n_frequencies, n_x)."""
         element = np.empty((len(depths), len(self.frequencies), len(self.x)), dtype=np.complex64)
         _element_field(
-            self.x, depths, self.frequencies / self.array.speed_of_sound, self.array.element_width,
-            self.factor, _DISTANCE_STEP, moment, element,
+            self.x + distance, depths, self.frequencies / self.array.speed_of_sound,
+            self.array.element_width, self.factor, _DISTANCE_STEP, moment, element,
         )  # fmt: skip
-        transformed = fft.fft(element, axis=2, overwrite_x=True)
+        return element
+
+    def fields(self, depths: Floats, moment: bool = False) -> Spectra:
+        """Return G_m at `depths` (m), (n_orders, n_depths, n_u, n_frequencies); with `moment`, of r g."""
+        transformed = fft.fft(self.element_fields(depths, moment), axis=2, overwrite_x=True)
         shape = (len(self.orders), len(depths), len(self.u), len(self.frequencies))
         fields = np.empty(shape, dtype=np.complex64)
         for weights, field in zip(self.weights, fields, strict=True):
@@ -99,8 +120,7 @@ def aperture(
     z_max: float,
     oversampling: int,
     stride: int,
-    orders: tuple[int, ...] = (),
-    offset: float = 0.0,
+    orders: tuple[int, ...],
     attenuation: float = 0.0,
 ) -> Aperture:
     """Prepare the fields of the aperture.
@@ -113,8 +133,7 @@ def aperture(
         z_max: Largest depth, m.
         oversampling: Points of the lateral grid per pitch.
         stride: Every how many of them a field is wanted.
-        orders: m of the grating lobes; none for the whole field at one offset.
-        offset: That offset: line position minus centre of the active aperture, m.
+        orders: m of the grating lobes.
         attenuation: b, Np / (m Hz).
     """
     c, step = array.speed_of_sound, array.pitch / oversampling
@@ -122,15 +141,12 @@ def aperture(
     comb = np.arange(n) - (oversampling - 1)  # multiples of `oversampling` are elements
     centered = (np.arange(n) - (n - 1) / 2) * step
     n_x = int(fft.next_fast_len(n - 1 + int(np.ceil(u_max / step)) + 2 * stride))
-    x = step * np.arange(n_x) - centered[-1] + offset
+    x = step * np.arange(n_x) - centered[-1]
 
-    delays = (focal_depth - np.hypot(centered - offset, focal_depth)) / c
+    delays = (focal_depth - np.hypot(centered, focal_depth)) / c
     delayed = array.window(centered) * np.exp(-2j * np.pi * np.outer(frequencies, delays))
-    if orders:
-        turns = np.outer(orders, comb) / oversampling
-        weights = delayed * np.exp(-2j * np.pi * turns)[:, np.newaxis] / oversampling
-    else:
-        weights = np.where(comb % oversampling == 0, delayed, 0.0)[np.newaxis]
+    turns = np.outer(orders, comb) / oversampling
+    weights = delayed * np.exp(-2j * np.pi * turns)[:, np.newaxis] / oversampling
 
     distances = np.arange(0.0, np.hypot(np.abs(x).max(), z_max) + 2 * _DISTANCE_STEP, _DISTANCE_STEP)
     distances[0] = _DISTANCE_STEP / 2
@@ -139,7 +155,7 @@ def aperture(
     factor *= np.exp(-attenuation * np.outer(distances, frequencies))
     factor *= array.element_width * array.element_height / (2 * np.pi)
     return Aperture(
-        orders or (0,),
+        orders,
         step * np.arange(0, n_x - n + 1, stride),
         x,
         n - 1,

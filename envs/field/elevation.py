@@ -15,7 +15,9 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from usbench.envs.cache.table_files import on_disk
 from usbench.envs.probe import LinearArray
+from usbench.words import in_words
 
 # Functions of other files are compiled again after a change of these flags only where __pycache__ is removed.
 FAST_MATH = {"contract", "reassoc", "nsz", "arcp", "nnan", "ninf"}
@@ -97,10 +99,18 @@ class ElevationTaps:
 def elevation_taps(
     array: LinearArray, y_max: float, distance_max: float, attenuation: float = 0.0
 ) -> ElevationTaps:
-    """Fit the taps for |y| <= `y_max` and rho <= `distance_max` (m), weighted by the pulse's spectrum.
+    """Fit the taps for |y| <= `y_max` and rho <= `distance_max` (m), or take them from memory or disk.
 
-    `attenuation` is that of the tissue, Np / (m Hz).
+    The fit is weighted by the pulse's spectrum. `attenuation` is that of the tissue, Np / (m Hz).
     """
+    scene = (
+        f"elevation, offsets to {y_max!r} m, distances to {distance_max!r} m, attenuation {attenuation!r} "
+        f"Np/(m Hz), {in_words(array)}"
+    )
+    return on_disk(ElevationTaps, scene, lambda: _fitted(array, y_max, distance_max, attenuation))
+
+
+def _fitted(array: LinearArray, y_max: float, distance_max: float, attenuation: float) -> ElevationTaps:
     y_grid = np.arange(0.0, y_max + 2 * _Y_STEP * _REFINEMENT, _Y_STEP * _REFINEMENT)
     distances = np.arange(0.0, distance_max + 2 * _DISTANCE_STEP, _DISTANCE_STEP)
     distances = np.maximum(distances, _LEAST_DISTANCE)

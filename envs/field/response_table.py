@@ -10,24 +10,26 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import chain
 
 import numba
 import numpy as np
 import numpy.typing as npt
 
+from usbench.envs.cache.table_files import on_disk
 from usbench.envs.field.aperture import Floats, Spectra, aperture
+from usbench.envs.field.receive import Receiving
 from usbench.envs.field.summation import SAMPLES
 from usbench.envs.field.two_way import orders_of
 from usbench.envs.field.waveforms import ROWS, Rows, tabulate
 from usbench.envs.probe import LinearArray
 from usbench.envs.threads import divided, in_parallel
+from usbench.words import in_words
 
 BLOCK = SAMPLES  # waveforms are whole vectors long
 _PULSE_CUT = 3e-3
 _FAR = 1 << 20  # samples, where no waveform is
-FEWEST_SHARED = 8  # active elements: with fewer, the window's shift by an offset is not a small one
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,6 @@ class ResponseTable:
             delay (at u, z; next u; next z; both), first sample and number of samples, order.
         waves: (n_parts, 6) float32: turns by which the phase advances over the cell along u and z, their
             cosines and their sines.
-        span: First and last sample over all parts.
     """
 
     depths: Floats
@@ -59,7 +60,13 @@ class ResponseTable:
     farther: npt.NDArray[np.float32]
     parts: npt.NDArray[np.int32]
     waves: npt.NDArray[np.float32]
-    span: tuple[int, int]
+
+    @cached_property
+    def span(self) -> tuple[int, int]:
+        """First and last sample over all parts."""
+        _, n_parts, first, n_samples = np.moveaxis(self.cells, 2, 0)
+        heard = n_parts > 0
+        return int(first[heard].min()), int((first + n_samples)[heard].max())
 
 
 def response_table(
@@ -67,21 +74,18 @@ def response_table(
     focal_depth: float,
     u_max: float,
     z_max: float,
-    offset: float | None = None,
     attenuation: float = 0.0,
 ) -> ResponseTable:
-    """Tabulate the response for 0 <= u <= u_max and depths up to z_max (m).
+    """Tabulate the response for 0 <= u <= u_max and depths up to z_max (m), or take it from memory or disk.
 
     Args:
         array: The transducer.
         focal_depth: m.
         u_max: Largest lateral offset of a point from the line, m.
         z_max: Largest depth, m.
-        offset: Line position minus centre of the active aperture, m, for a table of that offset, on the side
-            u >= 0 alone; None for all orders.
         attenuation: Of the tissue, Np / (m Hz).
     """
-    return _tables(array, focal_depth, u_max, z_max, offset, attenuation)
+    return _tables(array, focal_depth, u_max, z_max, attenuation)
 
 
 def keep_tables(n_depths: int) -> None:
@@ -101,12 +105,17 @@ def forget_tables() -> None:
 
 
 def _tabulated(
-    array: LinearArray,
-    focal_depth: float,
-    u_max: float,
-    z_max: float,
-    offset: float | None,
-    attenuation: float,
+    array: LinearArray, focal_depth: float, u_max: float, z_max: float, attenuation: float
+) -> ResponseTable:
+    scene = (
+        f"responses, focal depth {focal_depth!r} m, lateral offsets to {u_max!r} m, depths to {z_max!r} m, "
+        f"attenuation {attenuation!r} Np/(m Hz), {in_words(array)}"
+    )
+    return on_disk(ResponseTable, scene, lambda: _made(array, focal_depth, u_max, z_max, attenuation))
+
+
+def _made(
+    array: LinearArray, focal_depth: float, u_max: float, z_max: float, attenuation: float
 ) -> ResponseTable:
     depths = depth_grid(focal_depth, z_max)
     depths = np.append(depths, 2 * depths[-1] - depths[-2])
@@ -116,14 +125,14 @@ def _tabulated(
     oversampling = max(2 * highest + 1, int(np.ceil(4.4 * array.pitch / array.wavelength)))
     step = float(np.clip(focal_depth / 150, 0.1e-3, 0.2e-3))  # like the beam's width at the focus
     stride = max(1, round(step * oversampling / array.pitch))
-    lobes = tuple(range(-highest, highest + 1)) if offset is None else ()
+    lobes = tuple(range(-highest, highest + 1))
     beam = aperture(
-        array, focal_depth, frequencies, u_max, float(depths[-1]), oversampling, stride, lobes, offset or 0.0,
-        attenuation,
-    )  # fmt: skip
+        array, focal_depth, frequencies, u_max, float(depths[-1]), oversampling, stride, lobes, attenuation
+    )
+    receive = Receiving(beam, focal_depth, oversampling) if array.receives_apart else beam
     n_blocks = math.ceil((len(depths) - 1) / ROWS)
     shares = [depths[ROWS * part.start : ROWS * part.stop + 1] for part in divided(n_blocks)]
-    rows = chain.from_iterable(in_parallel(lambda share: tabulate(beam, share, n_samples), shares))
+    rows = chain.from_iterable(in_parallel(lambda share: tabulate(beam, receive, share, n_samples), shares))
     return _joined(orders_of(beam), depths[:-1], float(beam.u[1]), list(rows))
 
 
@@ -186,9 +195,8 @@ def _joined(orders: list[int], depths: Floats, u_step: float, rows: list[Rows]) 
     cells = np.stack([before, n_parts, first, samples], axis=2).astype(np.int32)
     waves = np.concatenate([part.waves for part in rows], axis=1)
     farther = np.concatenate([part.farther for part in rows])
-    span = int(first.min()), int(last.max())
     return ResponseTable(
-        depths, u_step, waveforms, cells, farther[:-1], parts.astype(np.int32), waves[q, i, j], span
+        depths, u_step, waveforms, cells, farther[:-1], parts.astype(np.int32), waves[q, i, j]
     )
 
 

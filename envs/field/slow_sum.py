@@ -3,7 +3,8 @@
     rf_l(t) = pulse(t) * sum_s a_s [h_l(r_s, t) * h_l(r_s, t)]        (* is convolution in time)
 
 Jensen (1991): the echo of a point scatterer is the pulse, convolved with the spatial impulse responses of the
-transmitting and of the receiving aperture, which are one aperture here. Convolutions are computed as products
+transmitting and of the receiving aperture, which are one aperture here unless `LinearArray.receive_focus` or
+`receive_f_number` set them apart. Convolutions are computed as products
 of spectra, in float64. This file is made to be read, and docs/physics.md walks through it. A frame takes
 most of an hour; `usbench.envs.rf.simulate_rf` computes the same in milliseconds, and the tests compare both.
 Only the configuration of `LinearArray` is taken from elsewhere.
@@ -41,7 +42,7 @@ def slow_rf(
         positions: Scatterers in the probe's coordinate system (lateral, elevation, depth), (n, 3) m.
         amplitudes: Their scattering amplitudes, (n,).
         array: The transducer.
-        focal_depth: Of transmit and receive, m.
+        focal_depth: Of transmit and, without a `receive_focus`, of receive, m.
         line_positions: Lateral positions of the lines, (n_lines,) m; default `array.line_positions`.
         attenuation_db_per_cm_mhz: Of the tissue, 0 for none.
         time: Equally spaced sampling times, (n_samples,) s; default from 0 to the end of the last echo, at
@@ -91,6 +92,27 @@ def delays(elements: Floats, focal_depth: float, line: float) -> Floats:
     return np.hypot(elements - line, focal_depth) - focal_depth
 
 
+def receive_depth(array: LinearArray, focal_depth: float, line: float, point: Floats) -> float:
+    """Return the depth of the receive focus when the echo of `point` (3,) m arrives, m.
+
+    Dynamic focusing is at c t / 2: the echo's is the point's distance from the line's reference point.
+    """
+    if array.receive_focus is None:
+        return focal_depth
+    if array.receive_focus == "dynamic":
+        return float(np.linalg.norm(point - [line, 0.0, 0.0]))
+    return float(array.receive_focus)
+
+
+def receive_weights(array: LinearArray, elements: Floats, line: float, depth: float) -> Floats:
+    """Return the weights in receive with the focus at `depth` (m) of elements at (n_active,) m, as many."""
+    if array.receive_f_number is None:
+        return _hann(array.n_active)
+    pitch = array.element_width + array.kerf
+    width = min(max(depth / array.receive_f_number, pitch), array.n_active * pitch) + pitch
+    return np.where(np.abs(elements - line) < width / 2, np.cos(np.pi * (elements - line) / width) ** 2, 0.0)
+
+
 def one_way(
     point: npt.ArrayLike,
     array: LinearArray,
@@ -99,8 +121,11 @@ def one_way(
     frequencies: Floats,
     attenuation_db_per_cm_mhz: float = 0.0,
     start: float = 0.0,
+    receive: bool = False,
 ) -> Spectrum:
     """Return H_l(f), the spectrum of the spatial impulse response h_l(t) after `start` s, (n_frequencies,).
+
+    That of the transmitting aperture, or of the receiving one.
 
     Each element is divided into `array.n_elevation` rectangles, and `point` lies in the far field of each
     (Jensen and Svendsen 1992):
@@ -110,12 +135,16 @@ def one_way(
     """
     x, y, z = np.asarray(point, dtype=np.float64)
     c, width, height = array.speed_of_sound, array.element_width, array.element_height / array.n_elevation
-    elements = active_elements(array, line)[:, np.newaxis]
+    elements, weights, depth = active_elements(array, line), _hann(array.n_active), focal_depth
+    if receive:
+        depth = receive_depth(array, focal_depth, line, np.asarray(point))
+        weights = receive_weights(array, elements, line, depth)
+    elements = elements[:, np.newaxis]
     rows = (np.arange(array.n_elevation) - (array.n_elevation - 1) / 2) * height
     dx, dy = x - elements, y - rows
     r = np.sqrt(dx**2 + dy**2 + z**2)  # (n_active, n_elevation)
-    gain = _hann(array.n_active)[:, np.newaxis] * width * height / (2 * np.pi * r)
-    arrival = (r - delays(elements, focal_depth, line)) / c - start
+    gain = weights[:, np.newaxis] * width * height / (2 * np.pi * r)
+    arrival = (r - delays(elements, depth, line)) / c - start
     decibels_per_hz = attenuation_db_per_cm_mhz * (r / 1e-2) / 1e6
 
     spectrum = np.empty(len(frequencies), dtype=np.complex128)
@@ -133,33 +162,37 @@ def _echo(
     pulse, step = excited_pulse(array), time[1] - time[0]
     pulse_time = np.arange(len(pulse)) / array.sampling_frequency
     earliest, latest = _arrivals(point, array, focal_depth, line)
-    first = int((2 * earliest - time[0]) / step) - 8
-    n = 2 * int((latest - earliest + pulse_time[-1] / 2) / step) + 24
+    first = int((earliest - time[0]) / step) - 8
+    n = 2 * int((latest - earliest + pulse_time[-1]) / 2 / step) + 24
 
     f = np.fft.rfftfreq(n, step)
     spectrum = np.exp(-2j * np.pi * np.outer(f, pulse_time)) @ pulse
     heard = np.abs(spectrum) > _HEARD * np.abs(spectrum).max()
     start = (time[0] + first * step) / 2  # one way: half of it
-    spectrum[heard] *= one_way(point, array, focal_depth, line, f[heard], attenuation, start) ** 2
+    ways = point, array, focal_depth, line, f[heard], attenuation, start
+    there = one_way(*ways)
+    spectrum[heard] *= there * (one_way(*ways, receive=True) if array.receives_apart else there)
     spectrum[~heard] = 0.0
     return first, np.fft.irfft(spectrum, n) / step
 
 
 def _arrivals(point: Floats, array: LinearArray, focal_depth: float, line: float) -> tuple[float, float]:
-    """Return when the first and the last wave of the aperture meet `point`, s."""
+    """Return the first and the last time that the way over `point` to and from the aperture takes, s."""
     elements = active_elements(array, line)[:, np.newaxis]
     half_height = array.element_height / 2
     nearest = max(abs(point[1]) - half_height, 0.0)
     distances = np.hypot(point[0] - elements, np.hypot(point[2], [nearest, abs(point[1]) + half_height]))
-    paths = distances - delays(elements, focal_depth, line)
-    return float(paths.min()) / array.speed_of_sound, float(paths.max()) / array.speed_of_sound
+    depths = focal_depth, receive_depth(array, focal_depth, line, point)
+    there, back = (distances - delays(elements, depth, line) for depth in depths)
+    c = array.speed_of_sound
+    return float(there.min() + back.min()) / c, float(there.max() + back.max()) / c
 
 
 def _until_the_last_echo(points: Floats, array: LinearArray, focal_depth: float, lines: Floats) -> Floats:
     """Return the sampling times from 0 to the end of the last echo, (n_samples,) s."""
     arrivals = [_arrivals(point, array, focal_depth, line)[1] for line in lines for point in points]
     latest = max(arrivals, default=0.0)
-    duration = 2 * latest + len(excited_pulse(array)) / array.sampling_frequency
+    duration = latest + len(excited_pulse(array)) / array.sampling_frequency
     return np.arange(int(np.ceil(duration * array.rf_sampling_frequency)) + 1) / array.rf_sampling_frequency
 
 

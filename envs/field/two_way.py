@@ -1,7 +1,8 @@
 """Two-way responses at a few depths: products of one-way fields.
 
-Transmit and receive share the aperture, so the two-way response is the one-way response squared: of the
-fields G_m of the grating lobes it has the products sum_m G_m G_(q-m), of the orders q. Once the geometric
+Where transmit and receive share the aperture, the two-way response is the one-way response squared: of the
+fields G_m of the grating lobes it has the products sum_m G_m G_(q-m), of the orders q. Otherwise it has the
+products sum_m T_m R_(q-m) of the transmit's fields and the receive's (`receive.py`). Once the geometric
 delay 2 hypot(u, z) / c is taken out, each is smooth in (u, z) and short in time.
 """
 
@@ -13,7 +14,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from usbench.envs.field.aperture import Aperture, Floats, Spectra
+from usbench.envs.field.aperture import Aperture, Beam, Floats, Spectra
 from usbench.envs.field.elevation import FAST_MATH
 from usbench.envs.probe import LinearArray
 
@@ -46,24 +47,36 @@ class Responses:
         return Responses(self.spectra[:, :1].copy(), self.slopes[:, :, :1], self.extra[:1])
 
 
-def responses(beam: Aperture, depths: Floats, n_samples: int, below: Responses | None = None) -> Responses:
-    """Return those at `depths` (m), scaled for waveforms of `n_samples`, and after them those `below`."""
+def responses(
+    beam: Aperture, receive: Beam, depths: Floats, n_samples: int, below: Responses | None = None
+) -> Responses:
+    """Return those at `depths` (m), scaled for waveforms of `n_samples`, and after them those `below`.
+
+    `receive` is the transmitting aperture `beam` itself where both ways share it.
+    """
     array, u, f = beam.array, beam.u, beam.frequencies
     scale = 2 * n_samples * (f[1] - f[0])
     pulse = scale * array.pulse_spectrum(f) * np.exp(2j * np.pi * f * array.pulse_delay)
-    one_way = beam.fields(depths)
-    spectra = _two_way(beam, one_way, one_way, u, depths, pulse, n_free=int(below is not None))
+    one_way, back = _both_ways(beam, receive, depths)
+    spectra = _two_way(beam, one_way, back, u, depths, pulse, n_free=int(below is not None))
 
     step = max(1, len(f) // _N_FOLLOWED)
     which = slice(step // 2, None, step)
     some, some_pulse, followed = beam.only(which), pulse[which], spectra[:, : len(depths), :, which]
+    hears = some if receive is beam else receive.only(which)
     slopes = []
     for du, dz in ((_PROBE_STEP, 0.0), (0.0, _PROBE_STEP)):
-        fields = some.moved(du).fields(depths + dz)
-        advanced = _two_way(some, fields, fields, u + du, depths + dz, some_pulse)
+        beside = some.moved(du)
+        fields = _both_ways(beside, beside if receive is beam else hears.moved(du), depths + dz)
+        advanced = _two_way(some, *fields, u + du, depths + dz, some_pulse)
         slopes.append(np.angle((advanced * followed.conj()).sum(axis=-1)) / (2 * np.pi * _PROBE_STEP))
-    moments = some.fields(depths, moment=True)
-    moments = _two_way(some, moments, np.ascontiguousarray(one_way[..., which]), u, depths, some_pulse)
+    moments = _two_way(
+        some, some.fields(depths, moment=True), np.ascontiguousarray(back[..., which]), u, depths, some_pulse
+    )
+    if receive is not beam:
+        far = hears.fields(depths, moment=True)
+        there = np.ascontiguousarray(one_way[..., which])
+        moments = (moments + _two_way(some, there, far, u, depths, some_pulse)) / np.float32(2)
     extra = _mean_distance(moments, followed, u, depths, array) - np.hypot(u, depths[:, np.newaxis])
     if below is None:
         return Responses(spectra, np.stack(slopes), extra)
@@ -71,6 +84,12 @@ def responses(beam: Aperture, depths: Floats, n_samples: int, below: Responses |
     return Responses(
         spectra, np.concatenate([slopes, below.slopes], axis=2), np.concatenate([extra, below.extra])
     )
+
+
+def _both_ways(beam: Aperture, receive: Beam, depths: Floats) -> tuple[Spectra, Spectra]:
+    """Return the fields of both ways, (n_orders, n_depths, n_u, n_frequencies) each."""
+    there = beam.fields(depths)
+    return there, there if receive is beam else receive.fields(depths)
 
 
 def _two_way(

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import fft
 
-from usbench.envs.field.aperture import Aperture, Floats, Spectra
+from usbench.envs.field.aperture import Aperture, Beam, Floats, Spectra
 from usbench.envs.field.elevation import FAST_MATH
 from usbench.envs.field.two_way import Responses, power_of, responses
 
@@ -35,16 +35,16 @@ class Rows:
     farther: npt.NDArray[np.float32]
 
 
-def tabulate(beam: Aperture, depths: Floats, n_samples: int) -> list[Rows]:
+def tabulate(beam: Aperture, receive: Beam, depths: Floats, n_samples: int) -> list[Rows]:
     """Return the waveforms of every order at all `depths` but the last, ROWS depths at a time.
 
     Cells lean on the depth below them too: the deepest are made first, so that it is known.
     """
     result: list[Rows] = []
-    below = responses(beam, depths[-1:], n_samples)
+    below = responses(beam, receive, depths[-1:], n_samples)
     for first in reversed(range(0, len(depths) - 1, ROWS)):
         rows = depths[first : first + ROWS + 1]
-        here = responses(beam, rows[:-1], n_samples, below)
+        here = responses(beam, receive, rows[:-1], n_samples, below)
         result.insert(0, _waveforms(beam, rows, here, n_samples))
         below = here.top
     return result
@@ -55,15 +55,13 @@ def _waveforms(beam: Aperture, depths: Floats, here: Responses, n_samples: int) 
     u, f = beam.u, beam.frequencies
     power = power_of(here.spectra)
     total = power.sum(axis=0)
-    silent = (_DEPTH_CUT * total.max(axis=1, keepdims=True) + _ENERGY_CUT * total)[:-1]
+    silent = _DEPTH_CUT * total.max(axis=1, keepdims=True) + _ENERGY_CUT * total
     n_below = int(np.rint((beam.array.iq_center_frequency - f[0]) / (f[1] - f[0])))
     kept = []
     waves = np.zeros((len(power), len(depths) - 1, len(u) - 1, 6), dtype=np.float32)
     extents = np.zeros((len(power), len(depths) - 1, len(u), 2), dtype=np.int32)
     for q, spectrum in enumerate(here.spectra):
-        # An order that only the depth below hears stays without waves. To mend that would change some pixels
-        # by a grey level, and with them every trial on record.
-        if not (power[q, :-1] > silent).any():
+        if not (power[q] > silent).any():  # not at the depth below either, which the last cells lean on
             kept.append(np.zeros(0, dtype=np.complex64))
             continue
         waves[q] = _local_waves(spectrum, power[q], here.slopes[:, q], u, depths)
@@ -71,7 +69,7 @@ def _waveforms(beam: Aperture, depths: Floats, here: Responses, n_samples: int) 
         waveforms[..., : len(f) - n_below] = spectrum[:-1, :, n_below:]
         waveforms[..., n_samples - n_below :] = spectrum[:-1, :, :n_below]
         waveforms = fft.ifft(waveforms, axis=2, overwrite_x=True)
-        kept.append(_cut(waveforms, silent / n_samples, extents[q]))
+        kept.append(_cut(waveforms, silent[:-1] / n_samples, extents[q]))
     return Rows(kept, extents, waves, _cell_mean(here.extra, total).astype(np.float32))
 
 

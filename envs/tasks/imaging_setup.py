@@ -1,16 +1,17 @@
 """The imaging-setup task: the probe stands still, and the scanner's settings are to show a cyst best.
 
 Quality is the contrast-to-noise ratio of the frame as it is displayed: the agent sees the frame alone, the
-reward knows where the cyst is.
+reward knows where the cyst is. The first version of the task has neither noise of the electronics nor time
+gain compensation; everything else is the same in both.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any, NoReturn
 
 import numpy as np
-import numpy.typing as npt
 
 from usbench.envs.bmode import Imaging
 from usbench.envs.guidance import GuidanceEnv
@@ -18,8 +19,12 @@ from usbench.envs.phantom import ObjectOfInterest, Phantom
 from usbench.envs.pose import Limits, Move, Pose, cos_deg, sin_deg
 from usbench.envs.settings import Setup
 from usbench.envs.task import Action, Task
-
-Mask = npt.NDArray[np.bool_]
+from usbench.envs.tasks.image_quality import (
+    Mask,
+    contrast_order,
+    contrast_to_noise,
+    generalized_contrast_to_noise,
+)
 
 # Soft tissue with speckle everywhere but in the object: a cyst, which echoes nothing.
 PHANTOM = Phantom(
@@ -27,21 +32,10 @@ PHANTOM = Phantom(
     tissue_density_per_mm3=Phantom().object_density_per_mm3,
     attenuation_db_per_cm_mhz=0.5,
 )
+# A receiver with noise, and the gain that undoes the attenuation at 3 MHz, there and back.
+IMAGING = Imaging(noise_db=40.0, tgc_db_per_cm=2 * 0.5 * 3.0)
 # Standard deviations between the mean grey levels of cyst and tissue from which on an image is good.
 GOOD = 2.0
-
-
-def contrast_to_noise(frame: npt.NDArray[np.uint8], inside: Mask, around: Mask) -> float:
-    """Return |m_i - m_o| / sqrt(s_i^2 + s_o^2) of the pixels inside an object and around it; 0 without any.
-
-    Means and standard deviations of the displayed grey levels (Patterson and Foster 1983): settings of the
-    display count, as they do for a person who looks at it.
-    """
-    if not inside.any() or not around.any():
-        return 0.0
-    one, other = frame[inside].astype(np.float64), frame[around].astype(np.float64)
-    noise = np.sqrt(one.var() + other.var())
-    return float(abs(one.mean() - other.mean()) / noise) if noise > 0 else 0.0
 
 
 @lru_cache(maxsize=64)
@@ -106,6 +100,7 @@ IMAGING_SETUP = Task(
     rewards=("normalized",),
     reward_from_frames=True,
 )
+IMAGING_SETUP_V0 = replace(IMAGING_SETUP, name="setup-v0", title="Imaging setup without noise")
 
 
 class ImagingSetupEnv(GuidanceEnv):
@@ -113,10 +108,12 @@ class ImagingSetupEnv(GuidanceEnv):
 
     ## Description
     A linear array stands still over soft tissue that attenuates by 0.5 dB/cm/MHz, with a cyst in it: the
-    object of the other tasks, dark in place of bright. The agent sees the B-mode frame alone and turns three
-    knobs. High frequencies resolve more and reach less deep; a focus at the cyst makes its edges sharp; a
-    narrow dynamic range turns weak echoes black, a wide one turns all into the same grey. With probability
-    `noise` a knob slips by one step after an action.
+    object of the other tasks, dark in place of bright. The receiver's electronics add noise, 40 dB below the
+    echo of a unit point at 50 mm, and time gain compensation amplifies by 3 dB per cm of depth. The agent
+    sees the B-mode frame alone and chooses three settings of the scanner. High frequencies resolve more, but
+    sink into the noise sooner; a focus at the cyst makes its edges sharp and the tissue beside it louder than
+    the noise; a narrow dynamic range turns weak echoes black, a wide one makes all grey levels similar. With
+    probability `noise` a setting changes by one step after an action.
 
     ## Action Space
     `Discrete(7)`: 0 stay, 1 focus up (10 mm shallower), 2 focus down (10 mm deeper), 3 frequency down (by 1
@@ -126,9 +123,11 @@ class ImagingSetupEnv(GuidanceEnv):
     ## Observation Space
     `Box(0, 255, (height_px, width_px, 1), uint8)`: the B-mode frame (depth, lateral, channel), its size and
     pixels those of `imaging`; by default (90, 40, 1) and 1 mm. The truth is in `info` only: `x_mm`,
-    `focal_depth_mm`, `angle_deg`, `frequency_khz`, `dynamic_range_db`, `contrast_to_noise` of the frame,
-    `distance_mm` (from the focus to the depth of the cyst), `sin_angle`, `noise` (which knob slipped and by
-    how much, 0 if blocked at its end) and `is_success` (a contrast-to-noise ratio of at least 2).
+    `focal_depth_mm`, `angle_deg`, `frequency_khz`, `dynamic_range_db`; of the frame `contrast_to_noise`,
+    `gcnr` (generalized contrast-to-noise ratio, in [0, 1]) and `contrast_order` (in [-1, 1], negative where
+    the cyst is darker); `distance_mm` (from the focus to the depth of the cyst), `sin_angle`, `noise` (which
+    setting changed and by how much, 0 if blocked at its end) and `is_success` (a contrast-to-noise ratio of
+    at least 2).
 
     ## Rewards
     The contrast-to-noise ratio of cyst and tissue beside it, of the frame after the action and before the
@@ -142,15 +141,23 @@ class ImagingSetupEnv(GuidanceEnv):
 
     ## Arguments
     `noise` (probability, default 0), `reward` ("normalized"), `phantom` (`Phantom`, its object the cyst),
-    `probe` (`LinearArray`) and `imaging` (`Imaging`), whose frequency and dynamic range give way to the
-    settings, `render_mode` (None or "rgb_array").
+    `probe` (`LinearArray`) and `imaging` (`Imaging`; another one replaces noise and gain, too), whose
+    frequency and dynamic range give way to the settings, `render_mode` (None or "rgb_array").
+
+    ## Version History
+    v1: noise of the electronics and time gain compensation. v0, the first version, has neither:
+    `usbench/ImagingSetup-v0` still gives its frames and rewards.
     """
 
     task = IMAGING_SETUP
     default_phantom = PHANTOM
+    default_imaging = IMAGING
 
     def _quality(self, pose: Pose) -> float:
-        return contrast_to_noise(self._frame(pose), *regions(self.phantom, pose, self.imaging))
+        return contrast_to_noise(self._frame(pose), *self._regions(pose))
+
+    def _regions(self, pose: Pose) -> tuple[Mask, Mask]:
+        return regions(self.phantom, pose, self.imaging)
 
     def _reward(self, pose: Pose) -> float:
         return self._quality(pose)
@@ -159,4 +166,38 @@ class ImagingSetupEnv(GuidanceEnv):
         return self._quality(pose) >= GOOD
 
     def _info(self, displaced: dict[str, int]) -> dict[str, Any]:
-        return {**super()._info(displaced), "contrast_to_noise": self._quality(self.pose)}
+        frame, masks = self._frame(self.pose), self._regions(self.pose)
+        return {
+            **super()._info(displaced),
+            "contrast_to_noise": contrast_to_noise(frame, *masks),
+            "gcnr": generalized_contrast_to_noise(frame, *masks),
+            "contrast_order": contrast_order(frame, *masks),
+        }
+
+
+class ImagingSetupV0Env(ImagingSetupEnv):
+    """The first version of `ImagingSetupEnv`: without noise of the electronics and time gain compensation.
+
+    ## Description
+    As `ImagingSetupEnv`, but the receiver adds no noise and amplifies all depths alike: deep tissue is dark,
+    and one sees as deep as echoes stay within the dynamic range. This version is kept so that its results
+    can be reproduced; `usbench/ImagingSetup-v1` replaces it.
+
+    ## Action Space
+    As in `ImagingSetupEnv`.
+
+    ## Observation Space
+    As in `ImagingSetupEnv`.
+
+    ## Rewards
+    As in `ImagingSetupEnv`.
+
+    ## Episode End
+    As in `ImagingSetupEnv`.
+
+    ## Arguments
+    As in `ImagingSetupEnv`.
+    """
+
+    task = IMAGING_SETUP_V0
+    default_imaging = Imaging()

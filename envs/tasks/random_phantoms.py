@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from usbench.checks import whole_number
 from usbench.envs.field.response_table import keep_tables
@@ -81,9 +80,7 @@ class RandomPhantomEnv(GuidanceEnv):
         self.phantoms = phantoms or self.distribution
         keep_tables(len({pose.focal_depth_mm for pose in self.task.states}))
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[npt.NDArray[np.uint8], dict[str, Any]]:
+    def start(self, seed: int | None = None, options: dict[str, Any] | None = None) -> None:
         """Draw a phantom and put the probe on a start pose.
 
         Args:
@@ -104,7 +101,7 @@ class RandomPhantomEnv(GuidanceEnv):
         self.phantom = self.phantoms.phantom(number)
         self.target = self.phantom.target
         self._frames = None
-        return super().reset(options=options)
+        super().start(options=options)
 
     def _info(self, displaced: dict[str, int]) -> dict[str, Any]:
         return {**super()._info(displaced), "phantom": self.phantom.seed, **self._target_info()}
@@ -119,6 +116,9 @@ PROBE_PLANE_RANDOM = replace(
     title="Probe plane, new phantoms",
     # The object's plane may have any angle, so the probe begins with any.
     starts=tuple(Pose(x_mm, 50, angle) for x_mm in range(-15, 16, 5) for angle in _ANGLES),
+)
+PROBE_PLANE_TRACKED = replace(
+    PROBE_PLANE_RANDOM, name="pp-tracked", title="Probe plane, new phantoms, tracked probe"
 )
 
 
@@ -183,3 +183,32 @@ class ProbePlaneRandomEnv(RandomPhantomEnv):
 
     task = PROBE_PLANE_RANDOM
     distribution = PhantomDistribution(tuple(range(-10, 11, 5)), tuple(range(40, 61, 5)), _ANGLES)
+
+
+class ProbePlaneTrackedEnv(ProbePlaneRandomEnv):
+    """Find the position and the rotation of a tracked probe, in an unseen phantom.
+
+    ## Description
+    The task of `ProbePlaneRandomEnv`, and the agent is told where its probe is and how it is turned, as
+    trackers tell it in practice. One frame of that task is the frame of four poses that need opposite
+    actions; beside its heading it nearly tells which one.
+
+    ## Action Space
+    As in `ProbePlaneRandomEnv`.
+
+    ## Observation Space
+    `Dict(image, senses)`: `image` as in `ProbePlaneRandomEnv`, and `senses`, `Box(-1, 1, (3,), float32)`:
+    x / 20 mm, sine and cosine of the probe's angle. Nothing is told of the object.
+
+    ## Rewards
+    As in `ProbePlaneRandomEnv`.
+
+    ## Episode End
+    As in `ProbePlaneRandomEnv`.
+
+    ## Arguments
+    As in `ProbePlaneRandomEnv`; `senses` are `("position", "heading")` by default.
+    """
+
+    task = PROBE_PLANE_TRACKED
+    default_senses = ("position", "heading")

@@ -44,8 +44,7 @@ def test_samples_have_the_bits_of_sb3s_buffer(n, n_envs):
 def test_frames_are_kept_once_and_however_many_there_are():
     few = filled(FrameReplayBuffer(2000, STACKS, ACTIONS, "cpu"), 1000)
     many = filled(FrameReplayBuffer(2000, STACKS, ACTIONS, "cpu"), 1000, n_frames=700)
-    assert (len(few._numbers), len(few._frames)) == (6, 256)
-    assert (len(many._numbers), len(many._frames)) == (700, 1024)
+    assert (len(few._frames.arrays), len(many._frames.arrays)) == (6, 700)
     theirs = filled(ReplayBuffer(2000, STACKS, ACTIONS, "cpu"), 1000, n_frames=700)
     np.testing.assert_array_equal(sampled(many).observations, sampled(theirs).observations)
 
@@ -53,6 +52,7 @@ def test_frames_are_kept_once_and_however_many_there_are():
 def test_a_trials_transitions_take_a_few_megabytes():
     buffer = FrameReplayBuffer(16_064, spaces.Box(-3, 3, (90, 40, 4), np.float32), ACTIONS, "cpu")
     arrays = [value for value in vars(buffer).values() if isinstance(value, np.ndarray)]
+    arrays.append(buffer._frames.arrays)
     # SB3's takes 2 * 16 064 * 57.6 kB = 1.85 GB.
     assert sum(array.nbytes for array in arrays) < 6e6
 
@@ -63,7 +63,7 @@ def test_pickled_buffer_goes_on_with_the_same_frames():
     for one in (buffer, again):
         filled(one, 10)
     np.testing.assert_array_equal(sampled(buffer).observations, sampled(again).observations)
-    assert len(again._numbers) == 6
+    assert len(again._frames.arrays) == 6
 
 
 @pytest.mark.parametrize("n", [0, 30, 70])
@@ -76,7 +76,7 @@ def test_buffer_put_back_from_its_state_goes_on_as_it_did(n):
     assert (buffer.pos, buffer.full) == (again.pos, again.full)
     for one, other in zip(sampled(buffer)[:5], sampled(again)[:5], strict=True):
         np.testing.assert_array_equal(one, other)
-    assert buffer._numbers == again._numbers
+    np.testing.assert_array_equal(buffer._frames.arrays, again._frames.arrays)
 
 
 def test_state_of_a_larger_buffer_is_refused():

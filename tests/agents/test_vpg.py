@@ -160,9 +160,10 @@ def test_batch_norm_acts_on_running_statistics_and_learns_on_the_batch() -> None
     for block in (module for module in model.policy.modules() if isinstance(module, Block)):
         block.register_forward_hook(lambda block, inputs, _: seen.append((block.training, len(inputs[0]))))
     model.learn(16)
-    # Acting: one image at a time. Learning: the whole rollout, in 2 layers, in each of the 1 + 3 steps.
+    # Acting: one image at a time, and all values at the end. Learning: the whole rollout, in 2 layers, in
+    # each of the 1 + 3 steps.
     assert [mode for mode in seen if mode[0]] == [(True, 16)] * 2 * (1 + 3)
-    assert {size for training, size in seen if not training} == {1}
+    assert {size for training, size in seen if not training} == {1, 16}
     updates = [int(norm.num_batches_tracked) for norm in norms]
     assert sorted(updates) == [1, 1, 3, 3]
     state = clone(model.policy)

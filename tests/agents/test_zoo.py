@@ -169,7 +169,7 @@ def test_refuses_a_batch_that_does_not_divide_the_rollout() -> None:
 def test_refuses_unknown_names() -> None:
     with pytest.raises(ValueError, match="unknown algorithm 'vgp' .did you mean 'vpg'"):
         zoo.hyperparameters("vgp", "pp", {})
-    with pytest.raises(ValueError, match="allowed are 'vpg', 'a2c', .*, 'oracle'"):
+    with pytest.raises(ValueError, match="allowed are 'vpg', 'vpg-tuned', .*, 'oracle'"):
         zoo.make("", Noise(), 0, {})
     with pytest.raises(ValueError, match="unknown preset of vpg 'spinupp' .did you mean 'spinup'"):
         zoo.hyperparameters("vpg", "pp", {}, preset="spinupp")

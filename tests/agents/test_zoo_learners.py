@@ -16,6 +16,7 @@ LEARNERS = [algo for algo, row in zoo.ZOO.items() if row.learns]
 # An update or more within 64 steps.
 SMALL = {
     "vpg": {"n_steps": 16},
+    "vpg-tuned": {"n_steps": 16},
     "a2c": {"n_steps": 16},
     "ppo": {"n_steps": 32, "batch_size": 16, "n_epochs": 2},
     "dqn": {"learning_starts": 16, "target_update_interval": 16, "train_freq": 4},
@@ -26,6 +27,7 @@ SMALL = {
 # Steps per update of the settings above, and the updates that each makes then.
 UPDATES = {
     "vpg": (16, 1),
+    "vpg-tuned": (16, 1),
     "a2c": (16, 1),
     "ppo": (32, 2),
     "dqn": (4, 1),

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from usbench import cli
-from usbench.envs import frame_files, frames, scanner
+from usbench.envs import frames, scanner
 from usbench.envs.bmode import Imaging
+from usbench.envs.cache import frame_files, table_files
 from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Pose
 from usbench.envs.probe import LinearArray
@@ -33,9 +34,10 @@ def shown(capsys, *argv):
 def test_shows_place_size_limit_and_what_each_file_is(capsys, folder):
     lines = shown(capsys)
     assert lines[0] == f"folder: {folder}"
-    assert lines[1] == "files: 1, 0.0 MB of at most 250 MB"
+    assert lines[1] == "frames: 1 file, 0.0 MB of at most 250 MB"
+    assert lines[2] == "tables: 0 files, 0.0 MB of at most 1000 MB"
     (row,) = [line for line in lines if "Phantom" in line]
-    assert "│ 3 │ 0.0 MB │" in row
+    assert "│ 3 frames │ 0.0 MB │" in row
     assert row.endswith("│ this │ Phantom(seed=7) LinearArray() Imaging() │")
 
 
@@ -51,14 +53,31 @@ def test_a_file_that_is_not_readable_is_shown_and_cleared(capsys, folder):
     assert shown(capsys, "--clear")[0].startswith("removed 2 files")
 
 
+def test_tables_are_listed_and_cleared_too(capsys, folder, monkeypatch):
+    path = table_files.TABLES.path("f" * 64)
+    table_files.write(path, table_files.Contents("responses of a probe", table_files.CODE, {"a": np.ones(3)}))
+    lines = shown(capsys)
+    assert lines[2].startswith("tables: 1 file, 0.0 MB")
+    (row,) = [line for line in lines if "responses" in line]
+    assert row.startswith("│ a table │ 0.0 MB │") and row.endswith("│ this │ responses of a probe │")
+    monkeypatch.setattr(table_files, "CODE", "changed since")
+    (row,) = [line for line in shown(capsys) if "responses" in line]
+    assert "│ another │" in row
+    path.write_bytes(b"not a table")
+    assert any("not readable" in line for line in shown(capsys))
+    assert shown(capsys, "--clear")[0].startswith("removed 2 files")
+    assert not list(folder.iterdir())
+
+
 def test_clear(capsys, folder):
     size = frame_files.entries()[0].size
     assert shown(capsys, "--clear") == [f"removed 1 file ({size / 1e6:.1f} MB) from {folder}"]
-    assert shown(capsys) == [f"folder: {folder}", "files: 0, 0.0 MB of at most 250 MB"]
+    empty = ["frames: 0 files, 0.0 MB of at most 250 MB", "tables: 0 files, 0.0 MB of at most 1000 MB"]
+    assert shown(capsys) == [f"folder: {folder}", *empty]
     assert shown(capsys, "--clear") == [f"removed 0 files (0.0 MB) from {folder}"]
 
 
 def test_a_folder_that_is_not_there_holds_nothing(capsys, monkeypatch, tmp_path):
     monkeypatch.setenv("USBENCH_CACHE", str(tmp_path / "nowhere"))
-    assert shown(capsys)[1] == "files: 0, 0.0 MB of at most 250 MB"
+    assert shown(capsys)[1] == "frames: 0 files, 0.0 MB of at most 250 MB"
     assert not (tmp_path / "nowhere").exists()

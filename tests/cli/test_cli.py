@@ -122,11 +122,27 @@ def test_interruption_is_status_130_and_keeps_the_state(capsys, tmp_path, quick,
     assert read_state(folder)["status"] == "interrupted"
 
 
-def test_list_shows_tasks_algorithms_and_defaults(capsys):
+def test_list_shows_a_line_for_each_task_and_algorithm_in_80_columns(capsys):
     assert cli.main(["list"]) == 0
     shown = capsys.readouterr().out
-    for word in ("usbench/FocalPoint-v0", "16064", "vpg", "oracle", "n_value_steps=3", "spinup"):
+    for word in ("usbench/FocalPoint-v0", "16064", "vpg", "oracle"):
         assert word in shown
+    assert max(map(len, shown.splitlines())) <= 80 and "n_value_steps" not in shown
+
+
+@pytest.mark.parametrize(("name", "said"), [
+    ("vpg", ["usbench.agents.vpg:VPG", "n_value_steps=3", "--task fp", "--preset spinup"]),
+    ("oracle", ["usbench.agents.baselines:Oracle", "does not learn"]),
+    ("pp", ["usbench/ProbePlane-v0", "action 3", "rotate counter-clockwise", "16064", "56"]),
+])  # fmt: skip
+def test_list_shows_everything_about_one(capsys, name, said):
+    assert cli.main(["list", name]) == 0
+    shown = capsys.readouterr().out
+    assert all(words in shown for words in said)
+
+
+def test_list_refuses_an_unknown_name_with_the_closest(capsys):
+    assert "did you mean 'qrdqn'?" in refusal(capsys, "list", "qdqn")
 
 
 def test_help_shows_examples_and_does_not_wait_for_torch():

@@ -1,8 +1,13 @@
 """What stands in the terminal when a trial has ended."""
 
+import re
+import sys
+
 import pytest
 
+from usbench import cli
 from usbench.cli.output import trial_output
+from usbench.trials import runner
 from usbench.trials.configuration import resolve
 
 
@@ -19,8 +24,41 @@ def test_trial_table_has_the_columns_that_say_something_of_the_task(quick, trial
     assert list(table.columns[2].cells)[2:] == ["0.00", "1.00"]
 
 
+@pytest.mark.parametrize("width", ["80", "40"])
+def test_a_long_name_folds_and_numbers_stay_whole(quick, tmp_path, monkeypatch, capsys, width):
+    name = "ProximalPolicyOptimizationWithAnotherNetwork"
+    (tmp_path / "folding.py").write_text(f"from stable_baselines3 import PPO\nclass {name}(PPO):\n    pass\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", width)
+    try:
+        argv = ["run", "--algo", f"folding:{name}", "--task", "pp", "--steps", "512", "--quiet"]
+        assert cli.main(argv) == 0
+    finally:
+        sys.modules.pop("folding", None)
+    out = capsys.readouterr().out
+    assert "…" not in out
+    # Five numbers in each of the four rows.
+    assert len(re.findall(r"-?\d+\.\d\d │ +-?\d\.\d\d │ +\d+\.\d mm │ +\d+\.\d deg │ +\d+%", out)) == 4
+    told = out.partition("trial folder:")[0]
+    assert max(map(len, told.splitlines())) <= max(int(width), trial_output.NARROWEST)
+    words = " ".join(told.split())
+    assert "success rate: share of the episodes whose last pose is the goal" in words
+    assert "Nothing was learned in 512 steps: the first update comes after 2048 (n_steps)." in words
+
+
+def test_exploration_is_no_row_of_scores(quick, tmp_path):
+    folder = runner.run_trial(resolve("dqn", "pp", steps=32), tmp_path).folder
+    assert list(trial_output.trial_table(folder).columns[0].cells) == ["dqn, greedy", "random", "optimal"]
+    assert trial_output.legend(folder)[-1].startswith("dqn samples actions only to explore")
+
+
 @pytest.mark.parametrize(("algo", "steps", "said"), [
     ("vpg", 128, ""),
+    ("vpg", 63, "Nothing was learned in 63 steps: the first update comes after 64 (n_steps)."),
+    ("stable_baselines3:PPO", 512,
+     "Nothing was learned in 512 steps: the first update comes after 2048 (n_steps)."),
+    ("stable_baselines3:PPO", 4096, ""),
+    ("stable_baselines3:DQN", 100, "Nothing was learned in 100 steps: learning starts after 100."),
     ("vpg", 100, "The last 36 of 100 steps were not learned from: an update takes 64."),
     ("dqn", 500, "Nothing was learned in 500 steps: learning starts after 500."),
     ("dqn", 508, ""),

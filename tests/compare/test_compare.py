@@ -4,11 +4,12 @@ import shutil
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import protocols
 import pytest
 from state_files import read_state, write_state
 
 from usbench import cli, records
-from usbench.compare import plan, sweep
+from usbench.compare import plan, protocol, sweep
 from usbench.envs.bmode import Imaging
 from usbench.envs.probe import LinearArray
 from usbench.results import tables
@@ -52,7 +53,7 @@ def contents(folder):
 
 
 def test_plan_is_the_whole_grid_with_the_reference_policies_once():
-    planned = plan.plan(["vpg", "dqn", "random"], ["fp", "pp"], [0, 0.25], 3, 64)
+    planned = plan.plan(["vpg", "dqn", "random"], ["fp", "pp"], [0, 0.25], range(3), 64)
     algos = [config.algo for config in planned]
     assert algos.count("vpg") == algos.count("dqn") == 2 * 2 * 3
     assert algos.count("random") == algos.count("stay") == algos.count("oracle") == 2 * 2
@@ -60,27 +61,64 @@ def test_plan_is_the_whole_grid_with_the_reference_policies_once():
     assert {config.steps for config in planned if config.algo in ("vpg", "dqn")} == {64}
 
 
-def test_plan_goes_seed_by_seed():
-    planned = plan.plan(["vpg", "dqn"], ["pp"], [0], 3, 64)
-    assert [config.seed for config in planned if config.steps] == [0, 0, 1, 1, 2, 2]
+def test_plan_goes_cell_by_cell_and_seed_by_seed():
+    planned = [c for c in plan.plan(["vpg", "dqn"], ["fp", "pp"], [0, 0.5], (100, 101), 64) if c.steps]
+    cells = [(config.noise, config.task) for config in planned]
+    assert cells == sorted(cells)
+    assert [config.seed for config in planned] == [100, 100, 101, 101] * 4
+    assert [config.algo for config in planned] == ["vpg", "dqn"] * 8
 
 
 def test_plan_takes_what_is_named_twice_once():
-    assert plan.plan(["vpg", "vpg"], ["pp", "pp"], [0, 0.0], 1) == plan.plan(["vpg"], ["pp"], [0], 1)
+    assert plan.plan(["vpg", "vpg"], ["pp", "pp"], [0, 0.0], [1]) == plan.plan(["vpg"], ["pp"], [0], [1])
 
 
-def test_default_command_is_the_papers_grid():
-    args = cli.build_parser()[0].parse_args(["compare"])
-    assert args.algos == ["vpg", "a2c", "ppo", "dqn"] and args.tasks == ["fp", "pp"]
-    assert args.noise == [0, 0.25, 0.5] and args.seeds == 4 and args.steps is None
-    assert args.leaderboard == Path("leaderboard.md") and args.out == Path("runs")
+def test_default_command_is_the_grid_of_the_protocol(here, monkeypatch):
+    planned = []
+
+    def nothing_yet(configs, *_):
+        planned.extend(configs)
+        return []
+
+    monkeypatch.setattr("usbench.compare.runs.report", nothing_yet)
+    assert cli.main(["compare", "--report-only"]) == 0
+    grid = protocol.read().comparison
+    learning = [config for config in planned if config.steps]
+    assert len(learning) == 480 and {config.seed for config in learning} == set(range(100, 110))
+    assert {config.algo for config in learning} == set(grid.rows)
+    assert {(config.task, config.noise) for config in learning} == {
+        (task, noise) for task in ("fp", "pp") for noise in (0.0, 0.25, 0.5)
+    }
+
+
+@pytest.mark.parametrize(
+    ("table", "n_trials", "expected"),
+    [
+        ("single-frames", 8 * 2 * 5, {"n_frames": 1, "steps": 16_064, "algo": "ppo"}),
+        ("second-network", 8 * 2 * 5, {"n_frames": 4, "steps": 16_064, "algo": "ppo+residual"}),
+        ("long", 8 * 2 * 3, {"n_frames": 4, "steps": 64_256, "algo": "ppo"}),
+        ("other-tasks", 3 * 4 * 4, {"n_frames": 4, "steps": 32_128, "algo": "ppo", "task": "exam"}),
+    ],
+)
+def test_further_tables_of_the_protocol(table, n_trials, expected):
+    planned = [config for config in plan.by_protocol(protocol.read(), table) if config.steps]
+    assert len(planned) == n_trials and {config.noise for config in planned} == {0.0}
+    assert min(config.seed for config in planned) == 100
+    assert any(all(getattr(config, name) == value for name, value in expected.items()) for config in planned)
+
+
+def test_hyperparameters_of_another_protocol_are_refused(here, capsys, monkeypatch):
+    monkeypatch.setattr(protocol, "winners", lambda: {"a2c": {"protocol": "another"}})
+    assert cli.main(["compare", *GRID]) == 2
+    assert "hyperparameters of a2c were chosen under another protocol" in capsys.readouterr().err
+    assert not Path("runs").exists()
 
 
 def test_comparison_from_end_to_end_and_the_same_bytes_once_more(here, capsys):
     assert cli.main(["compare", *GRID]) == 0
     captured = capsys.readouterr()
     assert "5 trials to run, 0 finished already" in captured.err
-    assert "[5/5] a2c on pp, noise 0.5, seed 1: finished" in captured.err
+    assert "[5/5] a2c on pp, noise 0.5, seed 101: finished" in captured.err
     made = captured.out.split()
     assert {"leaderboard.md", "scores.csv"} <= set(made) and all(Path(path).exists() for path in made)
     board = Path("leaderboard.md").read_text()
@@ -156,6 +194,13 @@ def test_trials_of_a_folder_are_added_to_the_tables(finished, no_figures, tmp_pa
     state = read_state(other)
     state["config"]["seed"] += 1
     write_state(other, state)
+    everything = contents(tmp_path)
+    assert cli.main(["leaderboard", "--add", str(other.parent), "--leaderboard", str(path)]) == 2
+    said = capsys.readouterr().err
+    assert "other cannot be added: a comparison takes seeds 100 to 999, not 1, which is of the" in said
+    assert said.count("\n") == 1 and contents(tmp_path) == everything
+    state["config"]["seed"] = 100
+    write_state(other, state)
     assert cli.main(["leaderboard", "--add", str(other.parent), "--leaderboard", str(path)]) == 0
     trials = tables.read(tmp_path / "leaderboard_files").trials
     assert list(trials["trial"]) == [finished.name, "other"]
@@ -212,7 +257,6 @@ def test_quiet_says_nothing_on_stderr(here, no_figures, capsys):
     assert capsys.readouterr().err == ""
 
 
-@pytest.mark.parametrize("command", ["compare", "search"])
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
@@ -220,6 +264,10 @@ def test_quiet_says_nothing_on_stderr(here, no_figures, capsys):
         (["--noise", "1.5"], "1.5"),
         (["--seeds", "0"], "seeds"),
         (["--seeds", "2.5"], "2.5"),
+        (
+            ["--seeds", "901"],
+            "a comparison takes seeds 100 to 999, not 1000, which is of the pool for search",
+        ),
         (["--seeds", "many"], "'many'"),
         (["--steps", "0"], "0"),
         (["--jobs", "0"], "jobs"),
@@ -228,9 +276,8 @@ def test_quiet_says_nothing_on_stderr(here, no_figures, capsys):
         (["--sed", "1"], "--sed"),
     ],
 )
-def test_bad_arguments_are_refused_in_one_sentence(capsys, here, command, changes, said):
-    algo = ["--algo", "a2c"] if command == "search" else []
-    assert cli.main([command, *algo, *changes]) == 2
+def test_bad_arguments_are_refused_in_one_sentence(capsys, here, changes, said):
+    assert cli.main(["compare", *changes]) == 2
     error = capsys.readouterr().err
     assert said in error and error.count("\n") == 1
     assert not list(here.iterdir())
@@ -240,14 +287,19 @@ def test_bad_arguments_are_refused_in_one_sentence(capsys, here, command, change
     ("argv", "said"),
     [
         (["compare", "--algos", "ppq"], "'ppo'"),
-        (["search", "--algo", "stay"], "search space"),
-        (["search", "--algo", "a2c", "--candidates", "0"], "candidates"),
-        (["search"], "--algo"),
+        (["compare", "--table", "single-frame"], "did you mean 'single-frames'"),
+        (["search", "--algo", "stay"], "row of the search"),
+        (["search", "--algo", "pop"], "'ppo'"),
+        (["search", "--jobs", "0"], "jobs"),
+        (["search", "--candidates", "20"], "--candidates"),
+        (["search", "--protocol", "none.toml"], "'none.toml' cannot be read"),
     ],
 )
-def test_unknown_algorithms_are_refused(capsys, here, argv, said):
+def test_unknown_algorithms_and_protocols_are_refused(capsys, here, argv, said):
     assert cli.main(argv) == 2
-    assert said in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert said in error and error.count("\n") == 1
+    assert not list(here.iterdir())
 
 
 def test_leaderboard_that_cannot_be_written_is_refused_before_any_trial(here, capsys):
@@ -259,12 +311,17 @@ def test_leaderboard_that_cannot_be_written_is_refused_before_any_trial(here, ca
 
 
 def test_search_from_end_to_end(here, capsys):
-    argv = ["search", "--algo", "a2c", "--tasks", "pp", "--steps", "32", "--candidates", "2", "--quiet"]
-    assert cli.main([*argv, "--jobs", "1"]) == 0
-    table = Path(capsys.readouterr().out.strip())
-    assert table == Path("runs/search-a2c-pp-p0.25-1x32/search.md")
-    assert "2 candidates on pp" in table.read_text()
-    assert records.load("runs/search-a2c-pp-p0.25-1x32")["seed"].eq(1000).all()
+    path = protocols.write(here, ('"a2c", "vpg"', '"a2c"'), ("candidates = 3", "candidates = 2"))
+    argv = ["search", "--protocol", str(path), "--quiet", "--jobs", "1"]
+    assert cli.main(argv) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("a2c: candidate ") and "learning_rate=" in said and said.count("\n") == 1
+    assert len(Path("search/a2c.jsonl").read_text().splitlines()) == 1 + 4 + 4
+    assert set(records.load("runs/search")["seed"]) == {1000, 1001}
+    assert cli.main(argv) == 0 and capsys.readouterr().out == said
+    protocols.write(here, ("candidates = 3", "candidates = 4"))
+    assert cli.main(argv) == 2
+    assert "begun under another protocol" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("command", ["compare", "search"])

@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import multiprocessing.forkserver
 import os
 import signal
 import socket
@@ -9,6 +10,7 @@ import sys
 import threading
 import time
 
+import children
 import psutil
 import pytest
 import sweep_worker
@@ -21,6 +23,7 @@ from usbench.compare.dask_cluster import Cluster
 from usbench.records import ConfigurationError
 from usbench.trials.configuration import resolve
 
+dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("distributed")
 
 
@@ -49,8 +52,11 @@ def start(**settings):
 
 @pytest.fixture(scope="module")
 def two():
-    """Two workers in processes of their own."""
-    with start() as local:
+    """Two workers in processes of their own, forked from a process that has imported everything."""
+    assert children.CONTEXT.get_start_method() == "forkserver"
+    # Before Dask asks for one, which would have imported Dask alone.
+    multiprocessing.forkserver.ensure_running()
+    with dask.config.set({"distributed.worker.multiprocessing-method": "forkserver"}), start() as local:
         yield local
 
 

@@ -1,26 +1,31 @@
-"""The search: defaults first, the same candidates after a kill, a table that says what was tried."""
+"""The search: draws of each row's own, halving, records that are enough to go on from, one winner."""
 
-import dataclasses
+import json
+import shutil
+from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 
+import protocols
 import pytest
 
-from usbench import records, suite
-from usbench.agents import zoo
+from usbench import records
+from usbench.agents import search_space, zoo
 from usbench.agents.hyperparameters import check
-from usbench.agents.search_space import SPACES, Choice, Log
-from usbench.cli.output import sweep_output
-from usbench.compare import plan, search, sweep
+from usbench.agents.search_space import SPACES, Choice, Endless, Log, candidates
+from usbench.compare import protocol, search, sweep
+from usbench.compare.search_record import SearchRecord
 from usbench.trials import runner
 from usbench.trials.configuration import resolve
 
 
 class Quiet:
+    expected_s = None
+
     def frames(self, done, total):
         pass
 
     def started(self, n_missing, n_finished, expected_s):
-        pass
+        self.expected_s = expected_s
 
     def ended(self, outcome):
         pass
@@ -41,141 +46,246 @@ class Stopping(Quiet):
             raise KeyboardInterrupt
 
 
-def settings(steps=32, **changes):
-    values = {"noise": 0.25, "seeds": 1, "steps": steps, **changes}
-    return search.settings_of(values.pop("algo", "a2c"), values.pop("tasks", ["pp"]), **values)
+@pytest.fixture
+def rules(tmp_path):
+    return protocol.read(protocols.write(tmp_path))
 
 
-def run(out, n_candidates, progress=None, n_finalists=0, **changes):
+def run(rules, folder, progress=None, row="a2c"):
     executor = {"executor": lambda: ThreadPoolExecutor(1)}
-    return search.run(settings(**changes), n_candidates, out, progress or Quiet(), n_finalists, **executor)
+    return search.run(row, rules, folder / "search", folder / "runs", progress or Quiet(), **executor)
 
 
-def rows(path, part=0):
-    text = path.read_text().split("\n## ")[part]
-    lines = [line.strip("| ").split(" | ") for line in text.splitlines() if line.startswith("|")]
-    return [dict(zip(lines[0], line, strict=True)) for line in lines[2:]]
+def lines(folder, row="a2c"):
+    return [json.loads(line) for line in (folder / "search" / f"{row}.jsonl").read_text().splitlines()]
 
 
-@pytest.mark.parametrize("algo", SPACES)
-def test_space_holds_the_defaults_and_only_values_in_range(algo):
-    defaults = zoo.hyperparameters(algo, "pp")
-    for name, space in SPACES[algo].items():
+def scored(folder):
+    names = ("rung", "candidate", "task", "noise", "seed", "steps", "score")
+    return [tuple(one[name] for name in names) for one in lines(folder)[1:]]
+
+
+@pytest.mark.parametrize("row", SPACES)
+def test_space_holds_only_values_in_range(row):
+    for name, space in SPACES[row].items():
         match space:
             case Log(low, high):
-                assert check(name, low) == low < defaults[name] < high == check(name, high)
+                assert check(name, low) == low < high == check(name, high)
             case Choice(values):
-                assert defaults[name] in values
                 assert [check(name, value) for value in values] == list(values)
+            case Endless(rewards):
+                assert all(check(name, reward / (1 - 0.99)) == reward / (1 - 0.99) for reward in rewards)
 
 
-def test_every_algorithm_that_learns_has_a_space():
-    assert set(SPACES) == {algo for algo, row in zoo.ZOO.items() if row.learns}
+def test_every_row_that_learns_has_a_space_and_every_one_but_table_ii_searches_gamma():
+    assert set(SPACES) == {row for row, entry in zoo.ZOO.items() if entry.learns}
+    assert {row for row in SPACES if "gamma" not in SPACES[row]} == {"vpg"}
 
 
-@pytest.mark.parametrize("algo", [algo for algo in SPACES if "batch_size" in SPACES[algo]])
-def test_batches_divide_every_rollout_of_the_space(algo):
-    rollouts = SPACES[algo].get("n_steps", Choice((max(SPACES[algo]["batch_size"].values),)))
-    assert min(rollouts.values) % max(SPACES[algo]["batch_size"].values) == 0
+@pytest.mark.parametrize("row", SPACES)
+def test_candidates_of_a_row_are_different_usable_and_of_its_own(row):
+    drawn = candidates(row, 16)
+    assert len({json.dumps(one) for one in drawn}) == 16
+    assert candidates(row, 5) == drawn[:5]
+    for one in drawn:
+        assert set(one) == set(SPACES[row])
+        for task in ("fp", "pp"):
+            resolve(row, task, overrides=one)
+    others = [candidates(other, 16) for other in SPACES if other != row]
+    shared = Counter(one.get("learning_rate") for other in others for one in other)
+    assert sum(one.get("learning_rate") in shared for one in drawn if "learning_rate" in one) <= 1
 
 
-def test_search_tries_the_defaults_first_and_ranks_what_it_tried(quick, tmp_path):
-    path = run(tmp_path, 3)
-    table = rows(path)
-    assert sorted(row["candidate"] for row in table) == ["0", "1", "2"]
-    scores = [float(row["score"]) for row in table]
-    assert scores == sorted(scores, reverse=True)
-    first = next(row for row in table if row["candidate"] == "0")
-    assert float(first["gamma"]) == zoo.hyperparameters("a2c", "pp")["gamma"]
-    trials = records.load(path.parent)
-    assert set(trials["seed"]) == {1000} and set(trials["noise"]) == {0.25}
-    assert trials["checkpoint"].max() == 32
-    greedy = trials[trials["deterministic"] & (trials["checkpoint"] == 32)]
-    best = greedy.groupby("trial")["normalized_score"].mean().max()
-    assert scores[0] == pytest.approx(best, abs=5e-3)
+def test_value_starts_from_what_a_reward_per_step_sums_up_to():
+    for one in candidates("vpg-tuned", 16):
+        per_step = one["initial_value"] * (1 - one["gamma"])
+        assert any(per_step == pytest.approx(reward) for reward in (0.0, -0.65, -1.3))
 
 
-def test_every_batch_is_counted_from_one(capsys):
-    with sweep_output.SweepBars() as bars:
-        for _ in range(2):
-            bars.started(1, 0, None)
-            bars.ended(sweep.Outcome(resolve("a2c", "pp", steps=32), None))
-    counts = [line.split()[0] for line in capsys.readouterr().err.splitlines() if line.startswith("[")]
-    assert counts == ["[1/1]", "[1/1]"]
+def test_space_that_is_too_small_is_refused(monkeypatch):
+    monkeypatch.setattr(search_space, "SPACES", {"a2c": {"gamma": Choice((0.9, 0.99))}})
+    with pytest.raises(ValueError, match="holds 2 different candidates, not 3"):
+        candidates("a2c", 3)
 
 
-def test_search_that_was_stopped_ends_as_one_that_was_not(quick, tmp_path):
-    whole = run(tmp_path / "whole", 4)
-    for n_trials in (1, 2):
+def test_the_best_of_a_rung_go_on_and_the_best_of_the_last_wins(quick, rules, tmp_path):
+    winner = run(rules, tmp_path)
+    done = scored(tmp_path)
+    first = [one for one in done if one[0] == 0]
+    assert {one[1:4] for one in first} == {(k, "pp", noise) for k in range(3) for noise in (0.0, 0.5)}
+    assert {one[4:6] for one in first} == {(1000, 32)}
+    means = {k: sum(one[6] for one in first if one[1] == k) / 2 for k in range(3)}
+    last = [one for one in done if one[0] == 1]
+    assert {one[1] for one in last} == set(sorted(means, key=means.get, reverse=True)[:2])
+    assert {one[4:6] for one in last} == {(1001, 64)}
+    finals = {k: sum(one[6] for one in last if one[1] == k) / 2 for k in {one[1] for one in last}}
+    assert winner.score == pytest.approx(max(finals.values()))
+    assert winner.candidate == max(finals, key=finals.get)
+    assert winner.hyperparameters == candidates("a2c", 3)[winner.candidate]
+    trials = records.load(tmp_path / "runs")
+    greedy = trials[trials["deterministic"] & (trials["checkpoint"] == trials["step"])]
+    for one, line in zip(done, lines(tmp_path)[1:], strict=True):
+        own = greedy[(greedy["trial"] == line["trial"]) & (greedy["step"] == one[5])]
+        assert own["normalized_score"].mean() == pytest.approx(one[6], abs=1e-6)
+
+
+def test_search_that_was_stopped_ends_as_one_that_was_not(quick, rules, tmp_path):
+    whole = run(rules, tmp_path / "whole")
+    for n_trials in (1, 2, 3):
         with pytest.raises(KeyboardInterrupt):
-            run(tmp_path / "stopped", 4, Stopping(n_trials))
-    again = run(tmp_path / "stopped", 4)
-    assert again.read_bytes() == whole.read_bytes()
-    assert len(rows(again)) == 4
+            run(rules, tmp_path / "stopped", Stopping(n_trials))
+    assert run(rules, tmp_path / "stopped") == whole
+    assert sorted(scored(tmp_path / "stopped")) == sorted(scored(tmp_path / "whole"))
 
 
-def test_finalists_are_the_best_and_are_judged_on_both_tasks_with_other_seeds(quick, tmp_path, monkeypatch):
-    short = {name: dataclasses.replace(suite.TASKS[name], steps=48) for name in suite.PAPER}
-    monkeypatch.setattr(suite, "TASKS", {**suite.TASKS, **short})
-    before = run(tmp_path, 3).read_text()
+def test_search_goes_on_from_its_record_alone(quick, rules, tmp_path, monkeypatch):
     with pytest.raises(KeyboardInterrupt):
-        run(tmp_path, 3, Stopping(3), n_finalists=2)
-    path = run(tmp_path, 3, n_finalists=2)
-    assert path.read_text().startswith(before)
-    table, finals = rows(path), rows(path, 1)
-    assert {row["candidate"] for row in finals} == {row["candidate"] for row in table[:2]}
-    assert float(finals[0]["score"]) >= float(finals[1]["score"])
-    for row in finals:
-        assert float(row["score"]) == pytest.approx((float(row["fp"]) + float(row["pp"])) / 2, abs=2e-3)
-    trials = records.load(path.parent)
-    again = trials[trials["seed"] >= search.FINAL_SEED]
-    assert set(again["seed"]) == {1100, 1101} and set(again["task"]) == {"fp", "pp"}
-    assert again["checkpoint"].max() == 48
+        run(rules, tmp_path / "one", Stopping(4))
+    shutil.copytree(tmp_path / "one" / "search", tmp_path / "other" / "search")
+    with (tmp_path / "other" / "search" / "a2c.jsonl").open("a") as file:
+        file.write('{"rung": 0, "cand')  # torn by a crash
+    calls, real = [], runner.run_trial
+    monkeypatch.setattr(runner, "run_trial", lambda *args: (calls.append(args), real(*args))[1])
+    progress = Quiet()
+    winner = run(rules, tmp_path / "other", progress)
+    assert len(calls) == 10 - 4
+    assert progress.expected_s > 0
+    assert run(rules, tmp_path / "one") == winner
+    calls.clear()
+    shutil.rmtree(tmp_path / "other" / "runs")
+    assert run(rules, tmp_path / "other") == winner and not calls
 
 
-def test_failed_candidate_is_in_the_table(quick, tmp_path, monkeypatch):
-    real = runner.run_trial
+def test_trial_that_ended_in_the_last_moment_before_a_kill_is_not_lost(quick, rules, tmp_path, monkeypatch):
+    with pytest.raises(KeyboardInterrupt):
+        run(rules, tmp_path, Stopping(2))
+    path = tmp_path / "search" / "a2c.jsonl"
+    path.write_text("".join(path.read_text().splitlines(keepends=True)[:2]))
+    calls, real = [], runner.run_trial
+    monkeypatch.setattr(runner, "run_trial", lambda *args: (calls.append(args), real(*args))[1])
+    run(rules, tmp_path)
+    assert len(calls) == 10 - 2
 
-    def broken(config, out):
-        if config.hyperparameters["n_steps"] == 64:
+
+def test_training_that_diverged_is_recorded_and_its_candidate_comes_last(quick, rules, tmp_path, monkeypatch):
+    bad = candidates("a2c", 3)[1]["learning_rate"]
+    real = runner._Run._train_and_evaluate
+
+    def diverging(self, goes_on):
+        if self.config.hyperparameters["learning_rate"] == bad:
+            raise ValueError("the logits are nan")
+        real(self, goes_on)
+
+    monkeypatch.setattr(runner._Run, "_train_and_evaluate", diverging)
+    run(rules, tmp_path)
+    assert {one[1] for one in scored(tmp_path) if one[6] is None} == {1}
+    assert {one[1] for one in scored(tmp_path) if one[0] == 1} == {0, 2}
+
+
+def test_trial_that_the_machine_failed_is_tried_again(quick, rules, tmp_path, monkeypatch):
+    with monkeypatch.context() as full:
+
+        def fail(*_):
             raise OSError(28, "No space left on device")
-        return real(config, out)
 
-    monkeypatch.setattr(runner, "run_trial", broken)
-    table = rows(run(tmp_path, 3))
-    failed = [row for row in table if row["score"] == "failed"]
-    assert {row["n_steps"] for row in failed} == {"64"} and table[-1] in failed
-
-
-def test_search_and_comparison_share_no_seed():
-    configs = plan.plan(["a2c"], ["pp"], [0.0], 1000, 64)
-    assert max(config.seed for config in configs) < search.FIRST_SEED
+        full.setattr(runner._Run, "_train_and_evaluate", fail)
+        with pytest.raises(RuntimeError, match="6 of 6 trials failed.*No space left.*tries them again"):
+            run(rules, tmp_path)
+    assert not (tmp_path / "search").exists()
+    assert len(scored(tmp_path)) == 10 if run(rules, tmp_path) else None
 
 
 @pytest.mark.parametrize(
-    ("changes", "said"),
+    ("change", "said"),
     [
-        ({"algo": "pop"}, "'ppo'"),
-        ({"algo": "oracle"}, "search space"),
-        ({"tasks": ["ppp"]}, "'pp'"),
-        ({"noise": 2}, "noise.*2"),
-        ({"seeds": 0}, "seeds.*0"),
-        ({"steps": -1}, "steps.*-1"),
-        ({"tasks": ["pp-random"]}, "must not choose hyperparameters: search on pp"),
+        (("steps = 64", "steps = 128"), "was begun under another protocol"),
+        (("noises = [0.0]", "noises = [0.25]"), "was begun under another protocol"),
     ],
 )
-def test_unusable_settings_are_refused(changes, said):
+def test_protocol_that_changed_after_the_first_trial_is_refused(quick, rules, tmp_path, change, said):
+    with pytest.raises(KeyboardInterrupt):
+        run(rules, tmp_path, Stopping(1))
+    changed = protocol.read(protocols.write(tmp_path, change))
+    with pytest.raises(records.ConfigurationError) as refused:
+        run(changed, tmp_path)
+    assert said in str(refused.value) and str(refused.value).count(".jsonl") == 1
+
+
+@pytest.mark.parametrize(
+    ("place", "name", "value", "said"),
+    [
+        (SPACES, "a2c", {**SPACES["a2c"], "gamma": Choice((0.9, 0.99))}, "with another search space"),
+        (zoo.ZOO, "a2c", zoo.ZOO["ppo"], "with other values of what is not searched"),
+    ],
+)
+def test_search_resumed_with_another_space_is_refused(
+    quick, rules, tmp_path, monkeypatch, place, name, value, said
+):
+    with pytest.raises(KeyboardInterrupt):
+        run(rules, tmp_path, Stopping(1))
+    if place is SPACES:
+        monkeypatch.setattr(search_space, "SPACES", {**SPACES, name: value})
+        monkeypatch.setattr("usbench.compare.search_record.SPACES", search_space.SPACES)
+    else:
+        monkeypatch.setitem(place, name, value)
     with pytest.raises(records.ConfigurationError, match=said):
-        settings(**changes)
+        run(rules, tmp_path)
 
 
-def test_finalists_of_a_search_on_other_tasks_are_refused(tmp_path):
-    with pytest.raises(records.ConfigurationError, match="no final of a search on exam"):
-        run(tmp_path, 1, n_finalists=1, tasks=["exam"])
-    assert not list(tmp_path.iterdir())
+def test_row_that_the_protocol_does_not_search_is_refused(rules, tmp_path):
+    with pytest.raises(records.ConfigurationError, match="did you mean 'a2c'"):
+        run(rules, tmp_path, row="a2")
 
 
-def test_folder_that_cannot_be_written_is_refused(tmp_path):
-    (tmp_path / "file").write_text("")
+def test_damaged_record_is_refused(quick, rules, tmp_path):
+    with pytest.raises(KeyboardInterrupt):
+        run(rules, tmp_path, Stopping(1))
+    path = tmp_path / "search" / "a2c.jsonl"
+    path.write_text("nonsense\n" + path.read_text())
+    with pytest.raises(ValueError, match="line 1"):
+        run(rules, tmp_path)
+
+
+def test_folder_that_cannot_be_written_is_refused(quick, rules, tmp_path):
+    (tmp_path / "runs").write_text("")
     with pytest.raises(records.ConfigurationError, match="choose another folder"):
-        run(tmp_path / "file", 1)
+        run(rules, tmp_path)
+
+
+def test_the_table_of_algorithms_takes_the_winner_of_the_own_protocol_alone(
+    quick, rules, tmp_path, monkeypatch
+):
+    for module in (zoo, search):
+        monkeypatch.setattr(module, "WINNERS", tmp_path / "winners.json")
+    zoo.WINNERS.write_text('{"ppo": {"hyperparameters": {"gamma": 0.5}}}')
+    run(rules, tmp_path)
+    assert set(zoo.winners()) == {"ppo"}
+    # The same search, of the benchmark's own protocol now.
+    monkeypatch.setattr(protocol, "PATH", tmp_path / "protocol.toml")
+    winner = run(rules, tmp_path)
+    assert set(zoo.winners()) == {"ppo", "a2c"} and zoo.winners()["a2c"]["protocol"] == rules.digest
+    rows = zoo._with_winners(zoo.UNSEARCHED)
+    assert rows["ppo"].hyperparameters["gamma"] == 0.5
+    assert rows["a2c"].hyperparameters == {**zoo.UNSEARCHED["a2c"].hyperparameters, **winner.hyperparameters}
+
+
+def test_record_says_what_was_searched(quick, rules, tmp_path):
+    with pytest.raises(KeyboardInterrupt):
+        run(rules, tmp_path, Stopping(1))
+    head, one = lines(tmp_path)
+    assert head["row"] == "a2c" and head["protocol"] == rules.digest
+    assert head["candidates"] == list(candidates("a2c", 3))
+    assert one["training_s"] > 0 and SearchRecord(tmp_path / "search", "a2c", rules).seconds_per_step() > 0
+
+
+def test_every_batch_is_counted_from_one(capsys):
+    from usbench.cli.output import sweep_output
+
+    with sweep_output.SweepBars() as bars:
+        for _ in range(2):
+            bars.started(2, 0, None)
+            for _ in range(2):
+                bars.ended(sweep.Outcome(resolve("a2c", "pp", steps=32), None))
+    told = [line for line in capsys.readouterr().err.splitlines() if line.startswith("[")]
+    assert [line.split()[0] for line in told] == ["[1/2]", "[2/2]"] * 2
+    assert told[0].endswith("finished, about 1 min left") and told[1].endswith("finished")

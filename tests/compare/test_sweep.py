@@ -11,6 +11,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import children
 import pytest
 import sweep_worker
 import trials
@@ -109,8 +110,10 @@ def test_expected_time_comes_from_finished_trials_of_the_same_algorithm(quick, t
     assert sweep._expected_seconds(configs[1:], tmp_path, 2) == pytest.approx(2 * seconds / 2)
 
 
-def test_worker_that_dies_takes_only_its_trial_with_it(often, tmp_path, monkeypatch, undisturbed):
+def test_worker_that_dies_takes_only_its_trial_with_it(quick, tmp_path, monkeypatch, undisturbed):
     monkeypatch.setattr(sweep, "RETRIES", 1)
+    # Workers that are forked from a process that has imported everything: spawned ones import for seconds.
+    monkeypatch.setattr(multiprocessing, "get_context", lambda _: children.CONTEXT)
     notes = Notes()
     executor = functools.partial(sweep.processes, sweep_worker.dying)
     configs = [*plan("stay"), trials.config("vpg"), trials.config("dqn")]

@@ -1,6 +1,7 @@
 """The image chain on signals whose envelope is known, on the reference and on real data."""
 
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -118,6 +119,19 @@ def test_median_removes_specks_and_repeats_the_border():
     assert (image[63:, 33:] == 255).all()
 
 
+@pytest.mark.parametrize("median_size", [1, 5])
+def test_an_image_wider_than_the_lines_is_black_beyond_them(median_size):
+    signals = np.full((3200, 64), 2.5 + 1j)
+    for pixel in (1e-3, 0.25e-3):
+        imaging = Imaging(width_px=round(60e-3 / pixel), pixel_size=pixel, median_size=median_size)
+        image = bmode(signals, FS, LINES, imaging=imaging)
+        beyond = round(10e-3 / pixel)  # the lines cover 40 mm
+        assert not image[:, :beyond].any() and not image[:, -beyond:].any()
+        assert (image[:, beyond:-beyond] == 255).all()
+        moved = bmode(signals, FS, LINES + 5e-3, imaging=imaging)
+        assert np.array_equal(moved[0], np.roll(image[0], round(5e-3 / pixel)))
+
+
 def test_silence_is_black_without_a_warning():
     # Warnings are errors in these tests.
     for signals in (np.zeros((3200, 64)), np.zeros((3200, 64), np.complex64)):
@@ -227,3 +241,42 @@ def test_refuses_broken_pixels(name):
 def test_refuses_an_even_median():
     with pytest.raises(ValueError, match="median_size must be odd, not 4"):
         Imaging(median_size=4)
+
+
+def test_refuses_a_pixel_size_in_mm():
+    with pytest.raises(ValueError, match=r"m, not 0.2: did you mean 0.0002 \(0.2 mm\)\?$"):
+        Imaging(pixel_size=0.2)
+
+
+@pytest.mark.parametrize("value", [-60, math.nan, math.inf, "60", True, [60]])
+def test_refuses_noise(value):
+    said = re.escape(f"noise_db must be a non-negative number, not {value!r}.")
+    with pytest.raises((TypeError, ValueError), match=f"^{said}$"):
+        Imaging(noise_db=value)
+
+
+@pytest.mark.parametrize("value", [-1, 101, math.nan, "3", None, True, {0.0: 1.0}])
+def test_refuses_a_gain(value):
+    said = "tgc_db_per_cm must be a number in [0, 100] dB/cm or pairs of depth (m) and gain (dB), not "
+    with pytest.raises((TypeError, ValueError), match=f"^{re.escape(f'{said}{value!r}.')}$"):
+        Imaging(tgc_db_per_cm=value)
+
+
+@pytest.mark.parametrize(
+    ("curve", "said"),
+    [
+        ([], "must be a number or pairs of depth (m) and gain (dB), not []."),
+        ([0.01, 0.02], "must be a number or pairs of depth (m) and gain (dB), not [0.01, 0.02]."),
+        ([(0.01, 1, 2)], "must be a number or pairs of depth (m) and gain (dB), not [(0.01, 1, 2)]."),
+        (["ab"], "must be a number or pairs of depth (m) and gain (dB), not ['ab']."),
+        ([(0.02, 1), (0.01, 2)], "must increase, not go from 0.02 to 0.01 m."),
+        ([(0.02, 1), (0.02, 2)], "must increase, not go from 0.02 to 0.02 m."),
+        ([(20, 1)], "must be a number in [0, 0.5] m, not 20: did you mean 0.02 (20 mm)?"),
+        ([(math.nan, 1)], "the depth of a pair of tgc_db_per_cm must be a non-negative number, not nan."),
+        ([(0.02, math.inf)], "the gain of a pair of tgc_db_per_cm must be a number in [-200, 200], not inf."),
+        ([(0.02, "1")], "the gain of a pair of tgc_db_per_cm must be a number in [-200, 200], not '1'."),
+    ],
+)
+def test_refuses_a_curve_of_gain(curve, said):
+    with pytest.raises((TypeError, ValueError), match=f"{re.escape(said)}$"):
+        Imaging(tgc_db_per_cm=curve)

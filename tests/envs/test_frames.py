@@ -11,7 +11,8 @@ from stored import POSES, SCENE, coded_scan
 
 from usbench.envs import frames
 from usbench.envs.bmode import Imaging
-from usbench.envs.frame_files import cache_folder
+from usbench.envs.cache import sources
+from usbench.envs.cache.folder import cache_folder
 from usbench.envs.frames import FrameStore, frame_store
 from usbench.envs.phantom import ObjectOfInterest, Phantom
 from usbench.envs.pose import Pose
@@ -85,20 +86,23 @@ def variations():
         yield dataclasses.replace(SCENE[0], **change), *SCENE[1:]
     for field in dataclasses.fields(LinearArray):
         value = getattr(SCENE[1], field.name)
+        if value is None:
+            value = {"receive_focus": 30e-3, "receive_f_number": 2.0}[field.name]
         changed = value - 1 if isinstance(value, int) else value * (1 - 1e-9)
         yield SCENE[0], dataclasses.replace(SCENE[1], **{field.name: changed}), SCENE[2]
     for name, value in {
-        "dynamic_range_db": 59.999, "height_px": 91, "width_px": 41, "pixel_size": 1.0001e-3, "median_size": 3
+        "dynamic_range_db": 59.999, "height_px": 91, "width_px": 41, "pixel_size": 1.0001e-3,
+        "median_size": 3, "noise_db": 60.0, "tgc_db_per_cm": 1.0,
     }.items():  # fmt: skip
         yield *SCENE[:2], dataclasses.replace(SCENE[2], **{name: value})
 
 
 def test_every_argument_is_in_the_key():
     assert {field.name for field in dataclasses.fields(Imaging)} == {
-        "dynamic_range_db", "height_px", "width_px", "pixel_size", "median_size"
+        "dynamic_range_db", "height_px", "width_px", "pixel_size", "median_size", "noise_db", "tgc_db_per_cm"
     }  # fmt: skip
     scenes = [SCENE, *variations()]
-    assert len({FrameStore(*scene).path for scene in scenes}) == len(scenes) == 30
+    assert len({FrameStore(*scene).path for scene in scenes}) == len(scenes) == 34
     assert FrameStore(*SCENE).path == FrameStore(Phantom(), LinearArray(), Imaging()).path
 
 
@@ -121,16 +125,16 @@ def test_the_simulator_is_in_the_key(monkeypatch):
 
 
 def test_every_source_and_library_of_a_frame_is_in_the_simulator(monkeypatch):
-    found = frames.sources("scanner")
+    found = sources.sources("scanner")
     assert {"scanner", "rf", "bmode", "phantom", "probe", "pose"} <= set(found)
     assert frames._simulator() == frames.SIMULATOR
     for name in found:
         changed = found | {name: found[name] + b"\n"}
-        monkeypatch.setattr(frames, "sources", lambda *_, changed=changed: changed)
+        monkeypatch.setattr(sources, "sources", lambda *_, changed=changed: changed)
         assert frames._simulator() != frames.SIMULATOR, name
     monkeypatch.undo()
-    for name in frames._LIBRARIES:
-        monkeypatch.setattr(frames.metadata, "version", lambda asked, name=name: f"{asked == name}")
+    for name in sources.LIBRARIES:
+        monkeypatch.setattr(sources.metadata, "version", lambda asked, name=name: f"{asked == name}")
         assert frames._simulator() != frames.SIMULATOR
 
 
@@ -145,19 +149,20 @@ def test_sources_are_followed_through_what_they_import(monkeypatch, tmp_path):
         "e": "",
     }.items():
         (tmp_path / f"{name}.py").write_text(text)
-    monkeypatch.setattr(frames, "__file__", str(tmp_path / "frames.py"))
-    assert set(frames.sources("scanner")) == {"scanner", "a", "b", "c", "d"}
+    monkeypatch.setattr(sources, "__file__", str(tmp_path / "cache" / "sources.py"))
+    assert set(sources.sources("scanner")) == {"scanner", "a", "b", "c", "d"}
 
 
 def test_every_library_that_a_source_imports_has_its_version_in_the_key():
     known = {"numpy", "scipy", "numba", "llvmlite", "cv2"}
-    assert {name.replace("opencv-python-headless", "cv2") for name in frames._LIBRARIES} == known
-    for name, source in frames.sources("scanner").items():
+    assert {name.replace("opencv-python-headless", "cv2") for name in sources.LIBRARIES} == known
+    for name, source in sources.sources("scanner").items():
         for node in ast.walk(ast.parse(source)):
             modules = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             modules += [node.module] if isinstance(node, ast.ImportFrom) else []
             tops = {module.split(".")[0] for module in modules} - set(sys.stdlib_module_names)
-            assert tops <= known | {"usbench"}, name
+            # platformdirs decides where files lie, and nothing of what is in them.
+            assert tops <= known | {"usbench", "platformdirs"}, name
 
 
 def test_sources_that_change_under_a_running_process_keep_nothing(monkeypatch):

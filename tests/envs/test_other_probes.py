@@ -8,8 +8,8 @@ from gymnasium.utils.env_checker import check_env
 import usbench  # noqa: F401
 from usbench.envs.bmode import Imaging
 from usbench.envs.image_reward import likeness, standard_view
+from usbench.envs.observation.wrappers import ImageStack, NormalizeImage
 from usbench.envs.probe import LinearArray
-from usbench.envs.wrappers import ImageStack, NormalizeImage
 
 OTHERS = {
     "128 x 128": {"imaging": Imaging(height_px=128, width_px=128)},
@@ -25,9 +25,9 @@ def other(request):
     return OTHERS[request.param]
 
 
-@pytest.mark.parametrize("task", ["ProbePlane", "FocalPointRandom", "ImagingSetup"])
+@pytest.mark.parametrize("task", ["ProbePlane-v0", "FocalPointRandom-v0", "ImagingSetup-v1"])
 def test_the_environment_is_as_gymnasium_wants_it(task, other):
-    env = gym.make(f"usbench/{task}-v0", render_mode="rgb_array", **other)
+    env = gym.make(f"usbench/{task}", render_mode="rgb_array", **other)
     imaging = other["imaging"]
     assert env.observation_space.shape == (imaging.height_px, imaging.width_px, 1)
     observation, _ = env.reset(seed=3)

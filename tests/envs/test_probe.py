@@ -29,6 +29,8 @@ def test_defaults_are_those_of_the_specification():
         "impulse_response_cycles": 2.0,
         "n_elevation": 10,
         "slice_thickness": 10e-3,
+        "receive_focus": None,
+        "receive_f_number": None,
     }
     assert array.pitch == pytest.approx(0.49e-3)
     assert array.wavelength == pytest.approx(0.44e-3)
@@ -123,11 +125,48 @@ def test_kerf_may_be_zero():
     assert LinearArray(kerf=0).pitch == pytest.approx(0.44e-3)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [name for name in NAMES if not name.startswith("receive")])
 @pytest.mark.parametrize("value", ["3", None, True, [1.0]])
 def test_refuses_what_is_no_number(name, value):
     with pytest.raises(TypeError, match=rf"^{name} must be a .*number.*, not {re.escape(repr(value))}\.$"):
         LinearArray(**{name: value})
+
+
+@pytest.mark.parametrize("name", ["receive_focus", "receive_f_number"])
+@pytest.mark.parametrize("value", [True, [1.0], b"dynamic"])
+def test_refuses_a_receive_that_is_no_number(name, value):
+    with pytest.raises(TypeError, match=rf"^{name} must be a .*number.*, not {re.escape(repr(value))}\.$"):
+        LinearArray(**{name: value})
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        (
+            {"receive_focus": "dynamics"},
+            "receive_focus must be None, a depth in m or 'dynamic', not 'dynamics'.",
+        ),
+        (
+            {"receive_focus": 30},
+            "receive_focus must be a number in [0.0001, 0.5] m, not 30: did you mean 0.03",
+        ),
+        ({"receive_f_number": 0.01}, "receive_f_number must be a number in [0.1, 100], not 0.01."),
+        ({"receive_f_number": 1000}, "receive_f_number must be a number in [0.1, 100], not 1000."),
+    ],
+)
+def test_refuses_another_receive(fields, message):
+    with pytest.raises(ValueError, match=re.escape(message)):
+        LinearArray(**fields)
+
+
+def test_the_receive_is_that_of_the_transmit_unless_it_is_set_apart():
+    assert not LinearArray().receives_apart and not LinearArray(receive_focus=0.03).receives_dynamically
+    array = LinearArray(receive_focus="dynamic", receive_f_number=2)
+    assert array.receives_apart and array.receives_dynamically and array == dataclasses.replace(array)
+    depths = np.array([0.1e-3, 20e-3, 90e-3])
+    assert array.receive_depths(50e-3, depths) == pytest.approx(depths)
+    widths = 2 * array.receive_half_width(depths) - array.pitch
+    assert widths == pytest.approx([array.pitch, 10e-3, array.aperture_width])
 
 
 @pytest.mark.parametrize("name", WHOLE)
@@ -144,3 +183,48 @@ def test_refuses_more_active_elements_than_there_are():
 def test_refuses_too_low_a_sampling_frequency():
     with pytest.raises(ValueError, match="sampling_frequency must be at least 7 times center_frequency"):
         LinearArray(sampling_frequency=20e6)
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"center_frequency": 7}, "center_frequency must be .* Hz, not 7: did you mean 7e6 (7 MHz)?"),
+        ({"center_frequency": 7e3}, "did you mean 7e6 (7000 kHz)?"),
+        (
+            {"center_frequency": 7e9},
+            "center_frequency must be .* Hz, not 7000000000.0.",
+        ),
+        ({"sampling_frequency": 100}, "did you mean 1e8 (100 MHz)?"),
+        ({"speed_of_sound": 1.54}, "did you mean 1540 (1.54 mm/us)?"),
+        ({"element_width": 0.27}, "element_width must be .* m, not 0.27: did you mean 0.00027 (0.27 mm)?"),
+        ({"element_width": 270}, "did you mean 0.00027 (270 um)?"),
+        ({"kerf": 0.03}, "did you mean 3e-5 (0.03 mm)?"),
+        ({"element_height": 5}, "did you mean 0.005 (5 mm)?"),
+        ({"line_spacing": 0.3}, "did you mean 0.0003 (0.3 mm)?"),
+        ({"slice_thickness": 10}, "did you mean 0.01 (10 mm)?"),
+        ({"excitation_cycles": 2.8e-7}, "excitation_cycles must be a number in [0.25, 100], not 2.8e-07."),
+        ({"kerf": 2e-3}, "kerf, the gap between elements, must be at most 4 times element_width (0.00176 m)"),
+        ({"element_width": 5e-3, "n_active": 8}, "element_width + kerf must be between .* not 0.00505."),
+        ({"center_frequency": 1e5, "element_width": 1e-6, "kerf": 0}, "not 1e-6."),
+        ({"n_elements": 2000}, "n_elements times the pitch must be at most 0.5 m, not 0.98 m."),
+        ({"n_lines": 2000}, "n_lines times line_spacing must be at most 0.5 m, not 1.25 m."),
+        ({"n_elevation": 10**6}, "n_elevation must be at most 1000, not 1000000."),
+    ],
+)
+def test_refuses_values_in_another_unit_and_out_of_proportion(fields, message):
+    with pytest.raises(ValueError, match=re.escape(message).replace(r"\.\*", ".*")):
+        LinearArray(**fields)
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"center_frequency": 0.2e6, "n_elements": 64, "element_width": 2e-3},  # through the skull
+        {"center_frequency": 50e6, "sampling_frequency": 400e6, "element_width": 20e-6, "kerf": 5e-6},
+        {"element_width": 0.25e-3, "kerf": 0.73e-3},  # every second element of a sparse array
+        {"speed_of_sound": 5900.0, "center_frequency": 5e6},  # steel
+        {"n_elements": 1, "n_active": 1, "element_width": 1e-5, "element_height": 1e-5},
+    ],
+)
+def test_takes_unusual_arrays(fields):
+    assert LinearArray(**fields).wavelength > 0

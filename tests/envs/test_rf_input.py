@@ -32,6 +32,11 @@ def test_scatterers_just_below_the_surface_are_harmless(depth):
     assert np.isfinite(rf).all()
 
 
+def test_refuses_a_focal_depth_in_mm():
+    with pytest.raises(ValueError, match=r"focal_depth must .*, not 30: did you mean 0.03 \(30 mm\)\?$"):
+        simulate_rf([(0, 0, 50e-3)], [1.0], ARRAY, 30)
+
+
 @pytest.mark.parametrize("focal_depth", [0, -0.01, math.nan, math.inf, 0.51])
 def test_refuses_focal_depths(focal_depth):
     with pytest.raises(ValueError, match=rf"^focal_depth must be in \(0, 0.5\] m, not {focal_depth}\.$"):
@@ -58,7 +63,12 @@ def test_refuses_values_that_are_not_finite(value):
         ([(0, 0, 0.05)], 1.0, [0.0], r"amplitudes must have shape \(1,\)"),
         ([(0, 0, 0.05)], [1.0], [], r"line_positions must have shape \(n_lines,\)"),
         ([(0, 0, 0.05)], [1.0], [[0.0]], r"line_positions must have shape \(n_lines,\)"),
-        ([(0, 0, 50.0)], [1.0], [0.0], r"positions must be within 0.5 m, not 50 m"),
+        (
+            [(0, 0, 50.0)],
+            [1.0],
+            [0.0],
+            r"positions must be .* m, not 50 m: did you mean 0.05 \(50 mm\)",
+        ),
         ([(0, 0, 0.05)], [1.0], [2.0], r"line_positions must be within 0.5 m, not 2 m"),
     ],
 )

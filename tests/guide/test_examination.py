@@ -15,6 +15,7 @@ from usbench.guide import examination as guide
 from usbench.guide.controls import controls
 from usbench.guide.examination import GUIDED, Examination, Opened
 from usbench.setting import Setting
+from usbench.watch import episode
 from usbench.watch.moment import Advice
 
 LEFT, RIGHT, TURN_BACK, TURN = 1, 2, 3, 4
@@ -50,13 +51,16 @@ def test_every_move_has_words_and_a_key(move, advice, key):
 def test_keys_and_words_of_a_task_differ(task):
     guidance = suite.TASKS[task].guidance
     shown = controls(guidance)
-    assert [control.name for control in shown] == [action.name for action in guidance.actions]
+    beside = {"up": "focus up", "down": "focus down"}
+    assert [control.name for control in shown] == [
+        beside.get(action.name, action.name) for action in guidance.actions
+    ]
     for part in ("key", "advice", "icon"):
         assert len({getattr(control, part) for control in shown}) == len(shown)
 
 
 def test_scanners_settings_have_no_keys():
-    assert set(suite.TASKS) - set(GUIDED) == {"setup"}
+    assert set(suite.TASKS) - set(GUIDED) == {"setup", "setup-v0"}
 
 
 @pytest.mark.parametrize("task", sorted(set(GUIDED) - set(suite.PAPER)))
@@ -97,13 +101,37 @@ def test_optimum_is_the_plans_value_at_the_start():
     assert examination.optimum[-1] == pytest.approx(oracle.policy("fp").value(0, examination.pose))
 
 
-def test_score_is_0_for_the_random_agent_and_1_for_the_optimum():
-    examination, anchors = (
-        Examination(Setting(task="pp", noise=0.25), 0),
-        Setting(task="pp", noise=0.25).anchors(),
-    )
+def test_optimum_simulates_no_frame(monkeypatch):
+    def simulated(*_):
+        raise AssertionError("a frame was asked for")
+
+    monkeypatch.setattr(guidance, "frame_store", simulated)
+    setting = Setting(task="exam", noise=0.5)
+    assert len(episode.optimum(setting, 3)) == setting.guidance.n_steps + 1
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.25])
+def test_score_is_0_for_the_random_agent_and_1_for_the_optimum_from_this_start(noise):
+    examination = Examination(Setting(task="pp", noise=noise), 0)
+    anchors = oracle.returns("pp", noise, starts=(examination.pose,))
     assert examination.score(anchors.random) == 0
     assert examination.score(anchors.optimal) == 1
+    best = oracle.policy("pp", noise).value(0, examination.pose)
+    assert anchors.optimal == pytest.approx(best)
+
+
+def test_optimum_tells_the_return_of_each_action():
+    """By hand, without noise: the reward of the action, then the best return from where the action leads."""
+    examination, policy = Examination(Setting(task="pp"), 2, exact("pp")), oracle.policy("pp")
+    assert examination.advice.kind == "value"
+    task, pose = examination.guidance, examination.pose
+    for action, told in zip(task.actions, examination.advice.weights, strict=True):
+        there = pose.moved(action.move, task.limits)
+        assert told == pytest.approx(
+            task.reward(there, Pose(0, 50, 0), "normalized") + policy.value(1, there)
+        )
+    assert max(examination.advice.weights) == pytest.approx(policy.value(0, pose))
+    assert view.advice(examination)["texts"][0] == f"{examination.advice.weights[0]:.2f}"
 
 
 def test_actions_move_the_probe_and_the_frame():

@@ -17,16 +17,19 @@ from usbench.agents import zoo
 from usbench.envs import guidance
 from usbench.envs.bmode import Imaging
 from usbench.envs.probe import LinearArray
-from usbench.guide import examination
+from usbench.guide import examination, study
 from usbench.guide import server as guide_server
+from usbench.guide.desk import Desk
 from usbench.guide.session import Session
-from usbench.setting import make_env
+from usbench.results import studies
+from usbench.setting import Setting, make_env
 from usbench.trials import configuration
 
 sync_api = pytest.importorskip("playwright.sync_api")
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium")
 expect = sync_api.expect
+TOKEN = "0123456789abcdef"
 PATIENCE_MS = 60_000
 
 
@@ -64,7 +67,7 @@ def untrained(tmp_path_factory):
 def page(browser, untrained, quick, monkeypatch):
     """The page of a guide that knows one trial, with the exact optimum advising."""
     monkeypatch.setattr(examination, "frame_store", guidance.frame_store)
-    with shown(browser, Session(untrained.parent, seed=4)) as page:
+    with shown(browser, untrained.parent, seed=4) as page:
         yield page
 
 
@@ -73,28 +76,32 @@ def square(browser, quick, monkeypatch, tmp_path):
     """The page of a guide with a probe of 60 mm and square frames."""
     monkeypatch.setattr(examination, "frame_store", guidance.frame_store)
     imaging = Imaging(height_px=128, width_px=128, pixel_size=0.5e-3)
-    with shown(browser, Session(tmp_path, seed=4, probe=LinearArray(n_lines=96), imaging=imaging)) as page:
+    with shown(browser, tmp_path, seed=4, probe=LinearArray(n_lines=96), imaging=imaging) as page:
         yield page
 
 
 @contextlib.contextmanager
-def shown(browser, session):
-    """Serve `session`, show it, and check at the end that the page has met no problem."""
+def shown(browser, runs, **session):
+    """Serve a `Session`, show it, and check at the end that the page has met no problem."""
     with guide_server.listening() as listener:
-        server = guide_server.server(session)
+        desk = Desk()
+        server = guide_server.server(desk, TOKEN)
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
         thread.start()
+        desk.start(lambda tell: Session(runs, tell=tell, **session))
         with browser.new_page(viewport={"width": 1280, "height": 800}) as page:
             page.set_default_timeout(PATIENCE_MS)
-            page.problems, page.origin = [], guide_server.address(listener)
+            url = guide_server.address(listener, TOKEN)
+            page.problems, page.origin = [], url.partition("?")[0]
             page.on("pageerror", lambda error: page.problems.append(str(error)))
             page.on("console", lambda message: message.type == "error" and page.problems.append(message.text))
             page.on("request", lambda request: check_origin(page, request.url))
-            page.goto(page.origin)
+            page.goto(url)
             expect(page.get_by_text("Step 0 of 16")).to_be_visible()
             yield page
             assert page.problems == []
         server.should_exit = True
+        desk.close()
         thread.join()
 
 
@@ -111,7 +118,9 @@ def test_clicking_what_is_advised_ends_with_success(page):
     for step in range(16):
         page.locator("#controls .advised").click()
         expect(page.get_by_text(f"Step {step + 1} of 16")).to_be_visible()
-    expect(page.locator("#verdict")).to_have_text(re.compile("^Success: the probe is at the goal"))
+    expect(page.locator("#verdict")).to_have_text(
+        re.compile("^of the best .* Success: the probe is at the goal")
+    )
     assert page.locator("#return").text_content() == page.locator("#optimum").text_content()
     page.get_by_role("button", name="rotate clockwise").press("Enter")
     expect(page.get_by_role("alert")).to_have_text("The episode is over: begin a new one (N).")
@@ -145,7 +154,7 @@ def test_keys_alone_are_enough_and_quick(page):
     page.keyboard.press("ArrowDown")
     expect(page.locator("#z")).to_have_text("15 mm")
     page.get_by_role("checkbox", name="Keys").press("Space")
-    page.get_by_role("button", name="down").focus()
+    page.get_by_role("button", name="focus down").focus()
     page.keyboard.press("ArrowDown")
     page.keyboard.press("Enter")
     expect(page.get_by_text("Step 3 of 16")).to_be_visible()
@@ -180,6 +189,148 @@ def test_misfit_hidden_object_and_ended_guide_are_clear(page, untrained):
     page.route("**/act", lambda route: route.abort())
     page.get_by_role("button", name="left").press("Enter")
     expect(page.get_by_role("alert")).to_contain_text("Start it again with: usbench guide")
+    page.problems.clear()  # the browser's own message of the request
+
+
+def test_stale_tab_does_nothing_and_is_refreshed(page):
+    """Two tabs on one examination: keys in the one that is out of date are lost, queued ones too."""
+    other = page.context.browser.new_page()
+    other.goto(page.url)
+    expect(other.get_by_text("Step 0 of 16")).to_be_visible()
+    choose(page, "Task", "fp")
+    page.get_by_role("button", name="focus down").click()
+    expect(page.get_by_text("Step 1 of 16")).to_be_visible()
+    depth = page.locator("#z").text_content()
+    for _ in range(3):
+        other.keyboard.press("r")
+    expect(other.get_by_role("alert")).to_have_text(re.compile("^This examination went on in another tab"))
+    expect(other.get_by_text("Step 1 of 16")).to_be_visible()
+    expect(other.get_by_role("combobox", name="Task")).to_have_value("fp")
+    page.reload()
+    expect(page.get_by_text("Step 1 of 16")).to_be_visible()
+    assert page.locator("#z").text_content() == other.locator("#z").text_content() == depth
+    other.get_by_role("button", name="focus down").click()
+    expect(other.get_by_text("Step 2 of 16")).to_be_visible()
+    expect(other.get_by_role("alert")).to_be_hidden()
+    other.close()
+
+
+def test_what_takes_long_is_told_and_keys_wait_for_it(page, monkeypatch):
+    gate, plan = threading.Event(), Setting.plan
+    monkeypatch.setattr(Setting, "plan", lambda self, target: gate.wait(60) and plan(self, target))
+    choose(page, "Noise", "0.5")
+    busy = page.get_by_role("status", name="Busy")
+    expect(busy).to_have_text("Computing the optimum of pp, noise 0.5 \u2026")
+    page.keyboard.press("ArrowLeft")
+    page.get_by_role("button", name="right").click()
+    gate.set()
+    expect(busy).to_be_hidden()
+    expect(page.get_by_text("Step 0 of 16")).to_be_visible()
+    page.get_by_role("button", name="right").click()
+    expect(page.get_by_text("Step 1 of 16")).to_be_visible()
+
+
+@pytest.mark.parametrize(("width", "height"), [(1366, 768), (390, 844)])
+def test_verdict_and_controls_are_on_the_first_screen(page, width, height):
+    """What one looks at, acts with and is told at the end needs no scrolling, and nothing covers it."""
+    page.set_viewport_size({"width": width, "height": height})
+    screen = {"x": 0, "y": 0, "width": width, "height": height}
+    expect(page.locator("#outcome")).to_be_hidden()
+    for step in range(16):
+        page.locator("#controls .advised").click()
+        expect(page.get_by_text(f"Step {step + 1} of 16")).to_be_visible()
+    frame, verdict = page.locator("#frame").bounding_box(), page.locator("#outcome")
+    expect(page.locator("#percent")).to_have_text(re.compile(r"^\d+ %$"))
+    assert inside(verdict.bounding_box(), screen) and inside(frame, screen)
+    assert verdict.bounding_box()["y"] + verdict.bounding_box()["height"] < frame["y"] + frame["height"] / 2
+    buttons = [button.bounding_box() for button in page.locator(".moves button").all()]
+    assert all(inside(box, screen) for box in buttons)
+    if width < 500:
+        assert min(box["y"] for box in buttons) > frame["y"] + frame["height"] - 1
+        assert page.locator(".frame").bounding_box()["width"] > width - 20
+
+
+def test_change_of_task_asks_before_an_episode_is_lost(page):
+    page.get_by_role("button", name="right").click()
+    expect(page.get_by_text("Step 1 of 16")).to_be_visible()
+    choose(page, "Task", "fp")
+    dialog = page.get_by_role("dialog")
+    expect(dialog).to_contain_text("The other task begins a new episode: this one ends at step 1 of 16.")
+    page.keyboard.press("ArrowLeft")
+    page.get_by_role("button", name="Go on with the episode").click()
+    expect(dialog).to_be_hidden()
+    expect(page.locator("#progress-words")).to_have_text("Step 1 of 16")
+    expect(page.get_by_role("combobox", name="Task")).to_have_value("pp")
+    choose(page, "Noise", "0.5")
+    page.keyboard.press("Escape")
+    expect(page.get_by_role("combobox", name="Noise")).to_have_value("0")
+    choose(page, "Task", "fp")
+    page.get_by_role("button", name="Change").click()
+    expect(page.locator("#progress-words")).to_have_text("Step 0 of 16")
+    expect(page.get_by_role("button", name="focus up")).to_be_visible()
+    choose(page, "Task", "pp")  # nothing is lost
+    expect(dialog).to_be_hidden()
+    expect(page.get_by_role("button", name="rotate clockwise")).to_be_visible()
+
+
+def test_scripted_person_plays_a_whole_study(browser, untrained, quick, monkeypatch, tmp_path):
+    """Who obeys where there is advice, and holds still where there is none."""
+    monkeypatch.setattr(examination, "frame_store", guidance.frame_store)
+    monkeypatch.setattr(study, "EPISODES", 2)
+    runs = shutil.copytree(untrained.parent, tmp_path / "runs")
+    with shown(browser, runs, trial=runs / untrained.name, study="anna") as page:
+        for episode in range(4):
+            expect(page.locator("#study")).to_contain_text(f"Study anna: episode {episode + 1} of 4, with")
+            advised = "without" not in page.locator("#study").text_content()
+            for step in range(16):
+                if advised:
+                    page.locator("#controls .advised").click()
+                else:
+                    expect(page.locator("#silence")).to_have_text("No advice in this episode.")
+                    expect(page.locator("#controls .advised")).to_have_count(0)
+                    page.keyboard.press("Space")
+                expect(page.locator("#progress-words")).to_have_text(f"Step {step + 1} of 16")
+            if episode < 3:
+                page.keyboard.press("n")
+                expect(page.locator("#progress-words")).to_have_text("Step 0 of 16")
+        expect(page.locator("#study")).to_have_text("The study is finished. Thank you.")
+        expect(page.get_by_role("button", name="New episode")).to_be_disabled()
+    table = studies.gather(runs).set_index("player")
+    assert list(table.index) == list(studies.PLAYERS) and set(table["episodes"]) == {2}
+    assert table.loc[studies.ADVISED, "obeyed"] == 1 and table.loc[studies.HUMAN, "seconds_per_step"] > 0
+    assert table.loc[studies.ADVISED, "return"] == pytest.approx(table.loc[studies.AGENT, "return"])
+    assert table.loc[studies.OPTIMUM, "return"] >= table["return"].max() - 1e-9
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize(("width", "height"), [(1366, 768), (390, 844)])
+def test_axe_finds_no_violation(page, scheme, width, height):
+    """At the start, in the question before an episode is lost, and at the end."""
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
+    page.emulate_media(color_scheme=scheme)
+    page.set_viewport_size({"width": width, "height": height})
+
+    def violations():
+        found = axe.run(page).response
+        assert len(found["passes"]) > 10
+        return [(one["id"], [node["target"] for node in one["nodes"]]) for one in found["violations"]]
+
+    assert violations() == []
+    page.get_by_role("button", name="right").click()
+    expect(page.locator("#progress-words")).to_have_text("Step 1 of 16")
+    choose(page, "Task", "fp")
+    expect(page.get_by_role("dialog")).to_be_visible()
+    assert violations() == []
+    page.get_by_role("button", name="Go on with the episode").click()
+    for step in range(1, 16):
+        page.locator("#controls .advised").click()
+        expect(page.locator("#progress-words")).to_have_text(f"Step {step + 1} of 16")
+    assert violations() == []
+
+
+def test_address_without_its_token_says_what_to_do(page):
+    page.goto(page.origin)
+    expect(page.get_by_role("alert")).to_have_text(re.compile("open the address that the guide printed"))
     page.problems.clear()  # the browser's own message of the request
 
 
@@ -229,7 +380,7 @@ def test_everything_has_a_name_and_fits_any_width(page):
         ("img", "Phantom from above"),
         ("img", "Phantom from the side"),
         ("progressbar", "Steps made"),
-        ("list", "Probability of each action"),
+        ("list", "Expected return of each action, to the end"),
         ("region", "Move the probe"),
     ]:
         expect(page.get_by_role(role, name=name)).to_be_visible()

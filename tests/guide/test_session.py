@@ -49,7 +49,7 @@ def test_hidden_object_is_told_by_nothing_until_the_end(session):
     assert state["return"] is state["optimum"] is state["at_goal"] is None
     for _ in range(15):
         session.follow()
-    assert session.state()["verdict"].startswith("Success: the probe is at the goal. Score ")
+    assert session.state()["verdict"].startswith("of the best from this start. Success: the probe is at ")
 
 
 def test_trial_advises_on_its_own_task_and_noise(finished, tmp_path):
@@ -208,7 +208,7 @@ def leaving(finished, monkeypatch):
 def test_trained_agent_takes_over_from_the_optimum(session, finished, monkeypatch):
     name = leaving(finished, monkeypatch)
     assert wait_for_training(session)["status"] == "finished"
-    assert session.agent == name and session.message.startswith("Trained: ")
+    assert session.agent == name and session.notice.startswith("Trained: ") and not session.message
     assert not session.state()["training"]["offered"]
 
 

@@ -186,6 +186,25 @@ def test_refusals(tmp_path, runs, out, said):
     assert not (tmp_path / out).exists()
 
 
+@pytest.mark.parametrize("file", [records.TRIAL, records.EVALUATIONS])
+def test_a_damaged_trial_is_left_out_and_named(runs, without_figures, tmp_path, capsys, file):
+    add(runs, "second", status="finished")
+    for name in (records.EPISODES, records.EVALUATIONS):
+        shutil.copy(records.trial_folders(runs)[0] / name, runs / "second")
+    with (runs / "second" / file).open("r+") as damaged:
+        damaged.truncate(200)
+    out = tmp_path / "page.html"
+    assert cli.main(["report", str(runs), "--out", str(out)]) == 0
+    told = f"left out: {runs.resolve()}/second/{file} is "
+    assert told in capsys.readouterr().err
+    page = out.read_text()
+    assert (
+        "Left out, since their records are damaged: second/" in page and "All of 1 trial is finished." in page
+    )
+    assert cli.main(["plot", str(runs), "--out", str(tmp_path / "figures")]) == 0
+    assert told in capsys.readouterr().err
+
+
 def test_command_writes_the_page_and_tells_what_it_does(runs, without_figures, tmp_path, capsys):
     out = tmp_path / "page.html"
     assert cli.main(["report", str(runs), "--out", str(out)]) == 0

@@ -76,7 +76,7 @@ def test_page_of_the_papers_grid_is_small(tmp_path):
             model = (tmp_path / "model.zip").read_bytes()
         for noise, seed in itertools.product(NOISES, SEEDS if row.learns else (0,)):
             write(runs, configuration.resolve(algo, task, noise=noise, seed=seed), model)
-    assert len(records.trial_folders(runs)) == 2 * 3 * (7 * 4 + 3)
+    assert len(records.trial_folders(runs)) == 2 * 3 * (8 * 4 + 3)
     size = page.write(runs, tmp_path / "report.html").stat().st_size
     print(f"{size / 1e6:.2f} MB")
     assert size < LIMIT_MB * 1e6

@@ -51,8 +51,10 @@ def test_configurations_of_an_agent_are_not_pooled():
     known = made(*seeds("vpg", [0.8, 0.9], task="pp"), *other, *seeds("vpg", [0.5, 0.7], task="pp-random"))
     more = pd.DataFrame([("other", "pp-random", 56, 0.0, -9.0, 0.5)], columns=list(held_out.COLUMNS))
     found = held_out.table(known, pd.concat([rows_of(0.1, 0.3), more]))
-    assert list(found["agent"]) == ["vpg 00000001", "vpg 00000002"]
-    assert list(found["one_seeds"]) == [2, 1] and found["gap"].isna().all()
+    assert list(found["agent"]) == ["vpg", "vpg 00000002"]
+    assert list(found["one_seeds"]) == [2, 1]
+    # What was trained on many phantoms is of the row's settings.
+    assert list(found["many_seeds"]) == [2, 0] and list(found["gap"].isna()) == [False, True]
 
 
 def test_the_leaderboard_has_the_track_only_with_tests(tmp_path):
@@ -76,7 +78,7 @@ def test_a_table_of_something_else_is_refused(tmp_path):
 
 def test_an_agent_is_tested_once_on_every_phantom_of_the_list(finished, tmp_path, monkeypatch, capsys):
     tables.write(tables.collect(finished.parent), tmp_path / "leaderboard_files")
-    command = ["transfer", "--out", str(finished.parent), "--leaderboard", str(tmp_path / "leaderboard.md")]
+    command = ["transfer", "--runs", str(finished.parent), "--leaderboard", str(tmp_path / "leaderboard.md")]
     assert cli.main([*command, "--quiet"]) == 0
     (row,) = held_out.read(tmp_path / "leaderboard_files").to_dict("records")
     assert (row["trial"], row["task"]) == (finished.name, "pp-random")

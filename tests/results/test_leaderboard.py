@@ -120,9 +120,19 @@ def test_agent_outside_the_table_of_all_cells_is_explained():
     )
 
 
-def test_configurations_of_a_cell_are_named_rows():
-    text = leaderboard.markdown(made(trial("vpg"), trial("vpg", 0.7, configuration="00000002", trial="b")))
-    assert [line[:20] for line in lines(text, "| `vpg`")] == ["| `vpg` `00000002` |", "| `vpg` `00000001` |"]
+def test_another_configuration_is_a_row_of_its_own_and_leaves_the_headline_as_it_was():
+    grid = [*seeds("vpg", [0.5, 0.6]), *seeds("ppo", [0.9, 0.8])]
+    other = trial(
+        "vpg", 0.7, configuration="00000002", trial="b", settings='{"environment": "e", "gamma": 0.9}'
+    )
+    before, after = leaderboard.markdown(made(*grid)), leaderboard.markdown(made(*grid, other))
+    for row in ("| `vpg` | 2/2 |", "| `ppo` | 2/2 |"):
+        assert lines(before, row)[0] == lines(after, row)[0]
+    assert "| `vpg gamma=0.9` | 1/2 | 0.700 |" in after
+    assert (
+        "`vpg` on fp, noise 0 ran in 2 configurations, each in a row of its own: `vpg` has gamma=0.99; "
+        "`vpg gamma=0.9` has gamma=0.9." in after
+    )
 
 
 def test_nothing_finished_is_a_leaderboard_too(tmp_path):

@@ -16,6 +16,11 @@ def grid(**changes):
     ]
 
 
+def notes(*trials):
+    """The notes on trials with the seeds of comparisons in place of 0, 1, ..."""
+    return provenance.notes(made(*(row | {"seed": 100 + row["seed"]} for row in trials)).trials)
+
+
 def test_whole_grid_is_one_command():
     trials = made(*grid(), trial("oracle", 1.0)).trials
     expected = "usbench compare --algos a2c vpg --tasks fp pp --noise 0 0.25 --seeds 2"
@@ -41,6 +46,12 @@ def test_what_several_comparisons_made_names_each():
     assert not any("budget" in note for note in provenance.notes(trials))
 
 
+@pytest.mark.parametrize("first", [0, 100])
+def test_command_counts_seeds_from_the_first_of_comparisons(first):
+    trials = made(*(trial("vpg", seed=first + k) for k in range(3))).trials
+    assert provenance.commands(trials) == ["usbench compare --algos vpg --tasks fp --noise 0 --seeds 3"]
+
+
 @pytest.mark.parametrize(
     "trials",
     [
@@ -60,7 +71,7 @@ def test_what_no_comparisons_make_names_none(trials):
 
 def test_different_environments_are_said():
     mine = trial("a2c", settings='{"environment": "mine", "gamma": 0.99}')
-    (note,) = provenance.notes(made(trial("vpg"), mine).trials)
+    (note,) = notes(trial("vpg"), mine)
     assert note == (
         "Trials on fp, noise 0 are from different environments (their digests): vpg in e; a2c in mine. "
         "Their scores cannot be compared."
@@ -75,35 +86,34 @@ def test_hours_are_those_of_finished_trials():
 
 
 def test_nothing_unusual_needs_no_note():
-    assert provenance.notes(made(*grid(), trial("random", 0.0)).trials) == []
+    assert notes(*grid(), trial("random", 0.0)) == []
 
 
 def test_unfinished_trials_are_named_with_their_reason():
-    trials = made(
+    found = notes(
         trial("vpg"),
         trial("vpg", seed=1, status="missing"),
         trial("vpg", seed=2, status="failed", reason="OSError: disk\nfull"),
         trial("vpg", seed=3, status="interrupted"),
         trial("vpg", seed=4, status="running"),
-    ).trials
-    assert provenance.notes(trials) == [
-        "`vpg` on fp, noise 0: seed 1 has not been run, seed 2 failed (OSError: disk full), "
-        "seed 3 was interrupted, seed 4 is running or was killed."
+    )
+    assert found == [
+        "`vpg` on fp, noise 0: seed 101 has not been run, seed 102 failed (OSError: disk full), "
+        "seed 103 was interrupted, seed 104 is running or was killed."
     ]
 
 
 def test_configurations_are_told_apart_by_what_differs():
     other = {"configuration": "00000002", "settings": '{"environment": "e", "gamma": 0.9}'}
-    (note,) = provenance.notes(made(trial("vpg"), trial("vpg", **other)).trials)
+    note, _ = notes(trial("vpg"), trial("vpg", seed=1), trial("vpg", **other))
     assert "in 2 configurations" in note
-    assert "`00000001` has gamma=0.99; `00000002` has gamma=0.9." in note
+    assert "`vpg` has gamma=0.99; `vpg gamma=0.9` has gamma=0.9." in note
 
 
 def test_different_budgets_and_seeds_are_said():
-    notes = provenance.notes(made(trial("vpg"), trial("a2c", seed=1, steps=320)).trials)
-    assert notes == [
+    assert notes(trial("vpg"), trial("a2c", seed=1, steps=320)) == [
         "Training budgets on fp differ: 320 steps for a2c; 16064 steps for vpg.",
-        "Seeds differ on fp, noise 0: 0 for vpg; 1 for a2c.",
+        "Seeds differ on fp, noise 0: 100 for vpg; 101 for a2c.",
     ]
 
 
@@ -112,8 +122,8 @@ def test_different_versions_and_frames_are_said():
         trial("vpg", seed=3, versions="numpy 2.0, torch 2.4", frames="def"),
         trial("vpg", task="pp", seed=3, frames="other task"),
     ]
-    *notes, why = provenance.notes(made(*trials).trials)
-    assert notes == [
+    *found, why = notes(*trials)
+    assert found == [
         "Versions of torch differ between trials: 2.5 in 4, 2.4 in 1 (`fp-p0-vpg-s3`).",
         "Frames of fp differ between trials (their digests): abc in 3, def in 1 (`fp-p0-vpg-s3`).",
     ]
@@ -122,5 +132,13 @@ def test_different_versions_and_frames_are_said():
 
 def test_version_that_only_some_recorded_is_said():
     trials = [trial("vpg", seed=0), trial("vpg", seed=1), trial("vpg", seed=2, versions="")]
-    notes = provenance.notes(made(*trials).trials)
-    assert "Versions of torch differ between trials: 2.5 in 2, not recorded in 1 (`fp-p0-vpg-s2`)." in notes
+    assert "Versions of torch differ between trials: 2.5 in 2, not recorded in 1 (`fp-p0-vpg-s2`)." in notes(
+        *trials
+    )
+
+
+def test_seeds_that_are_not_kept_for_comparisons_are_said():
+    trials = [trial("vpg"), trial("vpg", seed=1000), trial("vpg", seed=100), trial("oracle", seed=5)]
+    assert provenance.notes(made(*trials).trials) == [
+        "These seeds are not kept for comparisons, as 100 to 999 are: 0, 1000."
+    ]

@@ -65,9 +65,12 @@ def test_configurations_are_never_mixed():
     other = trial("vpg", 0.9, seed=1, trial="other", configuration="00000002")
     known = made(trial("vpg", 0.1), other)
     assert list(scores.cells(known).query("actions == 'greedy'")["score"]) == [0.1, 0.9]
-    found, reasons = scores.matrices(known)
-    assert not found and reasons == {"vpg": "more than one configuration in fp, noise 0"}
-    assert set(scores.agents(known.trials)["agent"]) == {"vpg 00000001", "vpg 00000002"}
+    other["settings"] = '{"environment": "e", "gamma": 0.9}'
+    found, _ = scores.matrices(made(trial("vpg", 0.1), other))
+    assert {agent: matrix.tolist() for agent, matrix in found.items()} == {
+        "vpg gamma=0.99": [[0.1]],
+        "vpg gamma=0.9": [[0.9]],
+    }
 
 
 def test_row_does_not_change_when_another_agent_is_added():
@@ -96,7 +99,7 @@ def test_matrix_has_the_seeds_that_are_finished_everywhere():
 def test_overall_is_sorted_and_ties_go_by_name():
     known = made(*seeds("vpg", [0.5, 0.5]), *seeds("a2c", [0.5, 0.5]), *seeds("ppo", [0.7, 0.9]))
     table = scores.overall(scores.matrices(known)[0])
-    assert list(table["algo"]) == ["ppo", "a2c", "vpg"]
+    assert list(table["agent"]) == ["ppo", "a2c", "vpg"]
     assert list(table["score"]) == pytest.approx([0.8, 0.5, 0.5])
     assert list(table["optimality_gap"]) == pytest.approx([0.2, 0.5, 0.5])
 
@@ -109,7 +112,7 @@ def test_only_what_learns_is_among_the_learners():
 
 def test_improvement_in_both_directions():
     table = scores.improvement({"a": np.array([[0.2], [0.6]]), "b": np.array([[0.1], [0.5]])})
-    table = table.set_index(["algo", "other"])
+    table = table.set_index(["agent", "other"])
     assert table["probability"]["a", "b"] == 0.75 and table["probability"]["b", "a"] == 0.25
     # The interval of one is that of the other, mirrored: sure one way round, sure the other.
     assert table["low"]["b", "a"] == 1 - table["high"]["a", "b"]

@@ -125,44 +125,6 @@ def test_unfinished_trials_are_rows_without_curves(tmp_path):
     assert known.curves["trial"].nunique() == 1
 
 
-def test_trials_that_are_added_to_tables_give_what_all_together_give(tmp_path):
-    for seed, out in enumerate(("old", "new", "new")):
-        for folder in ("all", out):
-            write_trial(tmp_path / folder, config(seed), timings={"total_s": float(seed)})
-    parts = [tables.collect(tmp_path / name) for name in ("old", "new", "all")]
-    for known, added in ((parts[0], parts[1]), (parts[1], parts[0])):
-        together = tables.joined(known, added)
-        pd.testing.assert_frame_equal(together.trials, parts[2].trials)
-        pd.testing.assert_frame_equal(together.curves, parts[2].curves)
-
-
-def test_of_trials_in_both_those_with_other_numbers_are_told(tmp_path):
-    for seed in range(3):
-        write_trial(tmp_path / "old", config(seed))
-    for seed, reason in ((0, None), (1, "damaged"), (3, None)):
-        folder = write_trial(tmp_path / "new", config(seed), timings={"total_s": 5.0})
-        if reason:
-            with Journal(folder / records.EPISODES) as journal:
-                journal.append([Episode(episode=3, step=99, **facts(-8.0)).as_row()])
-    old, new = (tables.collect(tmp_path / name) for name in ("old", "new"))
-    names = list(old.trials["trial"])
-    assert tables.repeated(old, new) == ([names[0]], [names[1]])
-    assert tables.repeated(old, old) == (names, [])
-
-
-@pytest.mark.parametrize(("old", "new", "wanted"), [
-    ("finished", "finished", 2.0), ("failed", "finished", 2.0), ("finished", "failed", 1.0),
-])  # fmt: skip
-def test_of_a_trial_in_both_the_added_one_counts_if_it_is_finished(tmp_path, old, new, wanted):
-    parts = []
-    for name, status, seconds in (("old", old, 1.0), ("new", new, 2.0)):
-        write_trial(tmp_path / name, config(), status=status, timings={"total_s": seconds})
-        parts.append(tables.collect(tmp_path / name))
-    together = tables.joined(*parts)
-    assert list(together.trials["total_s"]) == [wanted] and list(together.trials["status"]) == ["finished"]
-    assert together.curves.equals(parts[int(wanted) - 1].curves)
-
-
 def test_only_planned_trials_count_and_missing_ones_are_named(tmp_path):
     write_trial(tmp_path, config(0))
     write_trial(tmp_path, config(7))

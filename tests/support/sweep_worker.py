@@ -14,10 +14,12 @@ def quick():
 
 
 def dying():
-    """Make trials of this process quick, and let every trial of `stay` kill its process."""
+    """Make trials of this process quick, with many resume files; every trial of `stay` kills its process."""
     quick()
-    from usbench.trials import runner
+    from usbench.trials import resume_files, runner
 
+    # A forked process has not the environment of the test.
+    os.environ[resume_files.INTERVAL] = "0"
     run = runner.run_trial
 
     def run_or_die(config, out, **more):

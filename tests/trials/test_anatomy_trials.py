@@ -135,7 +135,8 @@ def test_the_papers_trials_are_called_as_ever():
 def test_watching_finds_the_volume_again_or_says_what_is_missing(trial, _made, capsys, made, monkeypatch):
     assert cli.main(["watch", str(trial), "--episode", "0"]) == 0
     out = capsys.readouterr().out
-    assert "optimum" in out and len(out.splitlines()) == 19
+    steps = [int(line.split()[0]) for line in out.splitlines() if line.split() and line.split()[0].isdigit()]
+    assert "optimum" in out and steps == list(range(17))
     # What is kept needs no file; without both there is a sentence.
     own = anatomy_record.recorded(read_state(trial)["config"]["environment"])
     gone = replace(own, path=str(made / "gone.mha"))
@@ -193,7 +194,7 @@ def test_the_guide_is_in_the_volume_of_the_trial(trial, tmp_path):
     session.choose(agent=ORACLE)
     for _ in range(16):
         session.follow()
-    assert session.state()["verdict"].startswith("Success")
+    assert "Success" in session.state()["verdict"]
     session.choose(hidden=True)
     assert session.state()["target"] is None
 

@@ -13,6 +13,7 @@ from usbench import cli, records
 from usbench.agents import plugins, zoo
 from usbench.envs.pose import Pose
 from usbench.envs.tasks.examination import EXAMINATION
+from usbench.trials.model_loading import load_agent
 
 PAGE = Path(__file__).parents[2] / "docs" / "extending.md"
 SHORT = ["--task", "pp", "--steps", "64", "--quiet"]
@@ -28,6 +29,14 @@ def here(quick, monkeypatch, tmp_path):
     sys.modules.pop("mine", None)
 
 
+def the_code(part):
+    """The page's only Python block that holds `part`."""
+    (code,) = (
+        code for code in re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL) if part in code
+    )
+    return code
+
+
 def the_trial(here):
     (folder,) = records.trial_folders(here / "runs")
     return folder
@@ -40,7 +49,7 @@ def test_the_pages_classes_are_short():
 
 def test_the_pages_task_is_the_examination():
     shown = {}
-    exec(re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)[1], shown)
+    exec(the_code("EXAMINATION = Task("), shown)
     functions = {name: getattr(EXAMINATION, name) for name in ("reward", "is_success", "distance_mm")}
     assert replace(shown["EXAMINATION"], **functions) == EXAMINATION
     here, there = Pose(5, 35, 30), Pose(-10, 50, 0)
@@ -80,6 +89,18 @@ def test_a_stable_baselines_class_gets_the_network_of_all_others():
     row = zoo.entry("stable_baselines3:PPO")
     assert row.policy_kwargs == zoo.ZOO["ppo"].policy_kwargs
     assert zoo.entry("stable_baselines3:DQN").policy_kwargs == zoo.ZOO["dqn"].policy_kwargs
+
+
+def test_the_pages_network_learns_from_stacked_frames(here):
+    (here / "network.py").write_text(the_code("NatureCNN"))
+    argv = ["run", "--algo", "network:NaturePPO", *SHORT, "--set", "n_steps=32", "batch_size=32"]
+    try:
+        assert cli.main(argv) == 0
+        agent = load_agent(the_trial(here), algo="network:NaturePPO").agent
+        assert type(agent.policy.pi_features_extractor).__name__ == "Nature"
+        assert agent.policy.pi_features_extractor.features_dim == 128
+    finally:
+        sys.modules.pop("network", None)
 
 
 def test_entry_point_gives_a_plain_name(here, monkeypatch, capsys):

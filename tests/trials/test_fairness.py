@@ -1,11 +1,14 @@
 """Every algorithm meets the same: starts, noise and evaluation episodes at one seed, and an exact budget."""
 
+import numpy as np
 import pytest
 import sweep_worker
+from stable_baselines3.common.vec_env import DummyVecEnv
 
 from usbench import records
 from usbench.agents import zoo
-from usbench.trials import callback, evaluation, runner
+from usbench.setting import Setting
+from usbench.trials import callback, evaluation, learning, runner
 from usbench.trials.configuration import resolve
 
 LEARNERS = [algo for algo, row in zoo.ZOO.items() if row.learns]
@@ -13,6 +16,7 @@ STEPS = 96
 # So small that all of them have learned from something within these steps.
 SMALL = {
     "vpg": {"n_steps": 32},
+    "vpg-tuned": {"n_steps": 32},
     "a2c": {"n_steps": 32},
     "ppo": {"n_steps": 32, "batch_size": 32, "n_epochs": 1},
     "dqn": {"learning_starts": 32, "train_freq": 16},
@@ -70,6 +74,23 @@ def test_starts_and_noise_are_those_of_every_other_algorithm(trials, algo):
         # A slip that the border blocks is 0, and who is at the border depends on the actions.
         assert all(one[key] == other[key] or 0 in (one[key], other[key]) for key in one)
     assert len(noise) == STEPS and 20 < sum(any(one.values()) for one in noise) < 76
+
+
+def initial_weights(algo, trial_seed):
+    _, seed = learning.seeds_of(trial_seed, algo)
+    env = DummyVecEnv([Setting(task="pp").make_env])
+    model = zoo.make(algo, env, seed, zoo.hyperparameters(algo, "pp"), device="cpu")
+    first = next(part for part in model.policy.parameters() if part.dim() == 4)
+    return first.detach().flatten().numpy()
+
+
+def test_initial_networks_of_one_seed_are_independent(quick):
+    weights = {(algo, seed): initial_weights(algo, seed) for algo in LEARNERS for seed in (0, 1)}
+    # 576 independent weights: the correlation has a standard deviation of 0.042.
+    correlations = np.corrcoef([*weights.values()])[np.triu_indices(len(weights), 1)]
+    assert np.abs(correlations).max() < 0.2
+    assert (initial_weights("ppo", 0) == weights["ppo", 0]).all()
+    assert len({learning.seeds_of(0, algo)[0] for algo in LEARNERS}) == 1
 
 
 @pytest.mark.parametrize("algo", LEARNERS)

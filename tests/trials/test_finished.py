@@ -5,6 +5,7 @@ import json
 import os
 import zipfile
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import pytest
 import trials
@@ -168,16 +169,19 @@ def test_comparison_says_it_and_runs_the_rest(finished, tmp_path, monkeypatch, c
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(sweep.run.__kwdefaults__, "executor", lambda: ThreadPoolExecutor(1))
     monkeypatch.setattr("usbench.compare.plan.REFERENCE_POLICIES", ("stay",))
-    halve(finished / records.EVALUATIONS)
     argv = ["compare", "--algos", "vpg", "--tasks", "pp", "--noise", "0.5", "--seeds", "1", "--steps", "128"]
+    assert cli.main(argv) == 0
+    (own,) = Path("runs").glob("*-vpg-s100-*")
+    halve(own / records.EVALUATIONS)
+    capsys.readouterr()
     assert cli.main(argv) == 1
     lines = capsys.readouterr().err.splitlines()
     told = [line for line in lines if not line.startswith("simulating")]
-    assert told[0].startswith("2 trials to run, 0 finished already")
-    assert told[1] == "[1/2] vpg on pp, noise 0.5, seed 0: failed"
+    assert told[0].startswith("1 trials to run, 1 finished already")
+    assert told[1] == "[1/1] vpg on pp, noise 0.5, seed 100: failed"
     assert lines[-1].startswith("usbench: error: ") and "evaluations.jsonl is damaged" in lines[-1]
-    assert [line for line in lines if "seed 0 failed" in line and "evaluations.jsonl is damaged" in line]
-    assert len(list(finished.parent.glob("*/model.zip"))) == 2
+    assert [line for line in lines if "seed 100 failed" in line and "evaluations.jsonl is damaged" in line]
+    assert len(list(finished.parent.glob("*/model.zip"))) == 3
 
 
 def test_checkpoints_that_a_kill_left_beside_a_finished_trial_are_removed(finished):

@@ -30,6 +30,17 @@ def test_killed_trial_goes_on_and_ends_with_the_bits_of_an_undisturbed_one(
     assert not list(tmp_path.glob("*.earlier-*"))
 
 
+@pytest.mark.parametrize("algo", ["dqn", "trpo"])
+def test_a_killed_trial_with_senses_ends_with_the_bits_of_an_undisturbed_one(often, tmp_path, algo):
+    senses = ("position", "heading", "actions")
+    config = resolve(algo, "pp", noise=0.5, steps=trials.STEPS, senses=senses, overrides=trials.SMALL[algo])
+    whole = runner.run_trial(config, tmp_path / "whole").folder
+    with pytest.raises(Killed):
+        runner.run_trial(config, tmp_path / "killed", progress=Until(ENDED_AT))
+    assert read_state(whole)["config"]["environment"]["senses"] == list(senses)
+    assert trials.bits(runner.run_trial(config, tmp_path / "killed").folder) == trials.bits(whole)
+
+
 def test_killed_again_and_again_while_it_ends(undisturbed, often, tmp_path, monkeypatch):
     folder = ended(tmp_path, step=FIRST_TOLD)
     for where in ("evaluate_due", "state", "put_back"):

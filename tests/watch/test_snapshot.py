@@ -17,7 +17,7 @@ from usbench.envs.scanner import scan, view
 from usbench.envs.settings import Setup
 from usbench.envs.tasks.random_phantoms import ProbePlaneRandomEnv
 from usbench.records import ConfigurationError
-from usbench.watch import snapshot
+from usbench.watch import snapshot, snapshot_figure, snapshot_files
 from usbench.watch.snapshot_option import Source
 
 OFF_GRID = Pose(7, 37, 63)
@@ -38,7 +38,7 @@ def test_frame_is_the_scanners(taken):
 def test_frame_with_settings_is_the_scanners():
     frame = snapshot.take(Source(), SETUP)
     np.testing.assert_array_equal(frame.values, scan(Phantom(), SETUP))
-    shown = snapshot.figure(frame).axes[0]
+    shown = snapshot_figure.figure(frame).axes[0]
     assert shown.images[0].get_clim() == (-40.0, 0.0) and shown.get_title().endswith("3 MHz, 40 dB")
 
 
@@ -63,7 +63,7 @@ def test_rf_and_envelope_are_of_the_same_echoes(taken):
 
 
 def test_bare_pixels_are_the_frame(taken, tmp_path):
-    snapshot.write(taken["frame"], tmp_path / "a.png", plain=True)
+    snapshot_files.write(taken["frame"], tmp_path / "a.png", plain=True)
     with Image.open(tmp_path / "a.png") as image:
         assert image.size == (40, 90)
         np.testing.assert_array_equal(np.asarray(image), taken["frame"].values)
@@ -71,22 +71,41 @@ def test_bare_pixels_are_the_frame(taken, tmp_path):
 
 @pytest.mark.parametrize("kind", snapshot.KINDS)
 def test_numbers_and_figure(taken, tmp_path, kind):
-    snapshot.write(taken[kind], tmp_path / "a.npy")
+    snapshot_files.write(taken[kind], tmp_path / "a.npy")
     np.testing.assert_array_equal(np.load(tmp_path / "a.npy"), taken[kind].values)
-    snapshot.write(taken[kind], tmp_path / "a.png")
+    snapshot_files.write(taken[kind], tmp_path / "a.npz")
+    with np.load(tmp_path / "a.npz") as arrays:
+        np.testing.assert_array_equal(arrays[kind], taken[kind].values)
+        assert (len(arrays["z"]), len(arrays["x"])) == arrays[kind].shape and arrays["focal_depth"] == 37e-3
+    if kind == "iq":
+        return
+    snapshot_files.write(taken[kind], tmp_path / "a.png")
     assert len(np.unique(imread(tmp_path / "a.png"))) > 20
 
 
 def test_figure_is_to_scale_and_names_units(taken):
-    axes = snapshot.figure(taken["frame"]).axes[0]
+    axes = snapshot_figure.figure(taken["frame"]).axes[0]
     assert (axes.get_xlim(), axes.get_ylim()) == ((-20.0, 20.0), (90.0, 0.0))
     assert axes.get_aspect() == 1.0
     assert axes.get_xlabel().endswith("(mm)") and axes.get_ylabel().endswith("(mm)")
-    assert snapshot.figure(taken["rf"]).axes[0].get_ylabel() == "time (µs)"
+    assert snapshot_figure.figure(taken["rf"]).axes[0].get_ylabel() == "depth (mm)"
+
+
+def test_rf_is_drawn_over_depth_and_ends_where_the_frame_does(taken):
+    axes = snapshot_figure.figure(taken["rf"]).axes[0]
+    bottom, top = axes.get_ylim()
+    assert -1.0 < top < 0.0 and bottom == pytest.approx(90.0, abs=1.5)
+    (time,) = axes.child_axes
+    assert time.get_ylabel() == "time (µs)"
+    # The middle of the echo from 50 mm comes 2 z / c + the pulse's delay after time 0.
+    microseconds = time._functions[0](50.0)  # matplotlib has no public name for it
+    assert microseconds == pytest.approx(0.1 / 1540 * 1e6 + DEFAULT_ARRAY.pulse_delay * 1e6)
+    # Every period reaches the page.
+    assert len(taken["rf"].values) / 25e6 * 1540 / 2 == pytest.approx(91e-3, abs=1e-3)
 
 
 def test_envelope_shows_the_decibels_of_the_frames_chain(taken):
-    shown = snapshot.figure(taken["envelope"]).axes[0].images[0].get_array()
+    shown = snapshot_figure.figure(taken["envelope"]).axes[0].images[0].get_array()
     expected = log_compress(taken["envelope"].values, 60.0) - 60.0
     np.testing.assert_allclose(shown, expected, atol=1e-3)
 
@@ -94,33 +113,34 @@ def test_envelope_shows_the_decibels_of_the_frames_chain(taken):
 @pytest.mark.parametrize(
     ("name", "kind", "plain", "said"),
     [
-        ("a.gif", "frame", False, r"\.png, \.npy, not 'a\.gif'"),
+        ("a.gif", "frame", False, r"\.png, \.npy, \.npz, \.uff, not 'a\.gif'"),
         ("no/a.png", "frame", False, "folder that exists"),
         ("a.png", "rf", True, "only a frame as .png has bare pixels"),
+        ("a.png", "iq", False, "I/Q has no picture of its own"),
         ("a.npy", "frame", True, "only a frame as .png has bare pixels"),
     ],
 )
 def test_files_that_cannot_be_are_refused(tmp_path, name, kind, plain, said):
     with pytest.raises(ConfigurationError, match=said):
-        snapshot.path(tmp_path / name, kind, Source(), OFF_GRID, plain=plain)
+        snapshot_files.path(tmp_path / name, kind, Source(), OFF_GRID, plain=plain)
 
 
 def test_another_probe_and_imaging_are_what_is_seen_named_and_drawn(tmp_path, monkeypatch):
     frame = snapshot.take(WIDE, OFF_GRID)
     np.testing.assert_array_equal(frame.values, scan(Phantom(), OFF_GRID, WIDE.probe, WIDE.imaging))
-    drawn = snapshot.figure(frame)
+    drawn = snapshot_figure.figure(frame)
     axes = drawn.axes[0]
     assert (axes.get_xlim(), axes.get_ylim()) == ((-32.0, 32.0), (64.0, 0.0))
     title = axes.get_title().replace("\n", " ")
     assert title.endswith("n_lines 96, height_px 128, width_px 128, pixel_size 0.0005")
-    assert drawn.get_figwidth() > 7 > snapshot.figure(snapshot.take(Source(), OFF_GRID)).get_figwidth()
+    assert drawn.get_figwidth() > 7 > snapshot_figure.figure(snapshot.take(Source(), OFF_GRID)).get_figwidth()
     for kind in ("envelope", "rf"):
         seen = snapshot.take(WIDE, OFF_GRID, kind)
         assert seen.values.shape[1] == 96
-        assert snapshot.figure(seen).axes[0].get_xlim() == pytest.approx((-30.0, 30.0))
+        assert snapshot_figure.figure(seen).axes[0].get_xlim() == pytest.approx((-30.0, 30.0))
     # Nothing of another probe or imaging takes the place of the default's file.
     monkeypatch.chdir(tmp_path)
-    plain, wide = (snapshot.path(None, "frame", source, OFF_GRID).name for source in (Source(), WIDE))
+    plain, wide = (snapshot_files.path(None, "frame", source, OFF_GRID).name for source in (Source(), WIDE))
     assert plain == "frame_x7_depth37_angle63.png"
     assert wide == f"frame_{WIDE.names[0]}_x7_depth37_angle63.png" and len(WIDE.names[0]) == 8
 
@@ -173,3 +193,18 @@ def test_phantoms_that_exclude_each_other_are_refused(capsys, argv, said):
     assert cli.main(["frame", *argv]) == 2
     error = capsys.readouterr().err
     assert said in error and error.count("\n") == 1
+
+
+def test_command_shows_points_of_a_file(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "wire.csv").write_text("x_mm,y_mm,z_mm,amplitude\n3,0,20,1\n")
+    argv = ["frame", "--scatterers", "wire.csv", "--depth", "20", "--pixel", "0.25", "--out", "wire.npy"]
+    assert cli.main(argv) == 0
+    frame = np.load("wire.npy")
+    assert frame.shape == (92, 160) and np.unravel_index(frame.argmax(), frame.shape)[0] in (79, 80)
+    assert cli.main([*argv, "--x", "90"]) == 2
+    assert "none of the 1 scatterers is in view" in capsys.readouterr().err
+    assert cli.main([*argv, "--task", "pp"]) == 2
+    assert "--scatterers is in place of a task's phantom" in capsys.readouterr().err
+    assert cli.main([*argv, "--phantom", "spine.mha"]) == 2
+    assert "exclude each other" in capsys.readouterr().err

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from usbench.envs.anatomy.points import PointScatterers
 from usbench.envs.bmode import Imaging
 from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Pose
@@ -12,7 +13,7 @@ from usbench.envs.tasks.imaging_setup import PHANTOM
 from usbench.envs.tasks.random_phantoms import FocalPointRandomEnv
 from usbench.records import ConfigurationError
 from usbench.watch import snapshot_option
-from usbench.watch.snapshot_option import Source
+from usbench.watch.snapshot_option import Source, imaging_of
 
 
 def test_pose_without_settings_is_plain_and_one_setting_brings_the_default_of_the_other():
@@ -87,8 +88,8 @@ def test_phantoms_have_names_but_for_the_papers():
     ("task", "number", "said"),
     [
         ("pprandom", None, "unknown task 'pprandom' .did you mean 'pp-random'"),
-        ("pp", 3, "only fp-random and pp-random have several phantoms"),
-        (None, 3, "only fp-random and pp-random have several phantoms"),
+        ("pp", 3, "only fp-random, pp-random, pp-tracked, exam-random, exam-tracked have several phantoms"),
+        (None, 3, "only fp-random, pp-random, pp-tracked, exam-random, exam-tracked have several phantoms"),
         ("pp-random", -1, r"phantom must be a whole number in \[0, 4294967295\], not -1"),
         ("pp-random", 2**32, "not 4294967296"),
         ("pp-random", 0.5, r"phantom must be a whole number in \[0, 4294967295\], not 0.5"),
@@ -98,3 +99,29 @@ def test_phantoms_have_names_but_for_the_papers():
 def test_phantoms_that_are_not_there_are_refused(task, number, said):
     with pytest.raises(ConfigurationError, match=said):
         snapshot_option.phantom_of(task, number)
+
+
+def test_pixels_of_another_size_keep_the_extent():
+    imaging = imaging_of(Source(), pixel_mm=0.2, median_size=3)
+    assert (imaging.height_px, imaging.width_px, imaging.median_size) == (450, 200, 3)
+    assert imaging_of(Source()) == Imaging()
+
+
+def test_a_frame_of_points_shows_all_of_them():
+    points = PointScatterers([(0, 0, 30e-3)], [1.0])
+    imaging = imaging_of(Source(points))
+    assert (imaging.pixel_size, imaging.median_size) == (0.2e-3, 1)
+    assert (imaging.width, imaging.depth) == pytest.approx((40e-3, 34e-3))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"pixel_mm": 0}, r"pixel_mm must be a number in \[0.01, 10\], not 0"),
+        ({"pixel_mm": "fine"}, r"pixel_mm must be a number in \[0.01, 10\], not 'fine'"),
+        ({"median_size": 2}, "median_size must be odd, not 2"),
+    ],
+)
+def test_refuses_pixels(options, message):
+    with pytest.raises(ConfigurationError, match=message):
+        imaging_of(Source(), **options)

@@ -2,6 +2,7 @@
 
 import dataclasses
 import io
+import re
 
 import cv2
 import numpy as np
@@ -150,13 +151,32 @@ def test_values_are_shown_as_values():
     assert advice.best == 2
 
 
-def test_table_has_a_row_for_every_step(finished, capsys):
+def test_table_has_a_row_for_every_step(finished, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
     assert cli.main(["watch", str(finished), "--episode", "0"]) == 0
-    head, names, *rows = capsys.readouterr().out.splitlines()
+    head, first, second, *rows = capsys.readouterr().out.splitlines()
+    names = f"{first} {second}"
     assert head.startswith("vpg on pp, noise 0.5, seed 0: evaluation episode 0 at step 128, greedy")
-    for name in ("action", "reward", "optimum", "distance (mm)", "angle (deg)", "advice"):
+    for name in ("action", "reward", "optimum", "to go", "angle", "advice"):
         assert name in names
+    assert names.count("(mm)") == 2 and names.count("(deg)") == 1
     assert len(rows) == 17 and "%" in rows[0]
+
+
+def test_table_fits_80_columns_with_whole_numbers(quick):
+    names = replay.action_names(Setting(task="pp"))
+    advice = Advice((0.01,) * (len(names) - 1) + (0.96,))
+    played = [
+        dataclasses.replace(moment, advice=advice)
+        for moment in replay.play(Setting(task="pp", noise=0.5), 2, [4, 3, 1, 2] * 4)
+    ]
+    shown = terminal.table(played, names)
+    assert max(map(len, shown.splitlines())) <= 80 and "…" not in shown
+    for moment in played:
+        row = rf"^ *{moment.step} .* {film.fixed(moment.return_)} +{film.fixed(moment.optimum)} "
+        assert re.search(row, shown, re.MULTILINE)
+    assert "focal" not in shown and "slip" in shown
+    assert "slip" not in terminal.table(replay.play(Setting(task="pp", noise=0.0), 2, [0] * 16), names)
 
 
 def test_terminal_shows_colour_blocks_and_words(finished, without_waiting):
@@ -189,17 +209,25 @@ def test_watching_follows_the_trials_probe_and_imaging(quick, tmp_path, height_p
         assert animation.n_frames == 17 and animation.width >= film.WIDTH
     image, starts = terminal.panels(played[0].picture, 100, 30)
     assert image.shape[1] <= 100 and image.shape[0] <= 60 and len(starts) == 3
-    assert "angle (deg)" in terminal.table(iter(played), chosen.names)
+    assert "advice for" in terminal.table(iter(played), chosen.names)
 
 
 def test_blocks_in_colour_and_in_grey():
     image = np.array([[[255, 0, 0], [0, 0, 0]], [[0, 0, 255], [0, 0, 0]]], np.uint8)
-    colored = terminal.blocks(image, colored=True)
+    colored = terminal.blocks(image, "truecolor")
     assert colored.plain == "▀▀\n"
     style = colored.spans[0].style
     assert (style.color.triplet, style.bgcolor.triplet) == ((255, 0, 0), (0, 0, 255))
     white = np.full((2, 1, 3), 255, np.uint8)
-    assert terminal.blocks(np.concatenate([white, 0 * white], axis=1), colored=False).plain == "█ \n"
+    for few in (None, "standard"):
+        assert terminal.blocks(np.concatenate([white, 0 * white], axis=1), few).plain == "█ \n"
+
+
+def test_256_colours_are_the_nearest_there_are():
+    # Dark and hardly coloured, as the scene's background: no loud blue of the cube.
+    for color, number in (((20, 24, 32), 234), ((255, 0, 0), 196), ((128, 128, 128), 244)):
+        pixels = np.full((2, 1, 3), color, np.uint8)
+        assert terminal.blocks(pixels, "256").spans[0].style.color.number == number
 
 
 def test_interruption_gives_the_cursor_back(finished, monkeypatch):

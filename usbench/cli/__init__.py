@@ -91,6 +91,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         how = getattr(args, "interrupted", "")
         print(f"usbench: interrupted, what was recorded is kept{how and ': '}{how or '.'}", file=sys.stderr)
+        if getattr(args, "ends_at_once", False):
+            # Python would wait for the threads, which may simulate for seconds.
+            sys.stderr.flush()
+            os._exit(INTERRUPTED)
         return INTERRUPTED
     except BrokenPipeError:
         # The reader has gone (`usbench list | head`): nobody is left to be told.

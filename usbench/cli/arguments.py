@@ -69,13 +69,19 @@ def add_sweep(parser: argparse.ArgumentParser) -> None:
 
 def add_probe_and_imaging(parser: argparse.ArgumentParser) -> None:
     """Add the options for another probe and another imaging than the default ones."""
-    for kind in ("probe", "imaging"):
-        parser.add_argument(
-            f"--{kind}",
-            type=Path,
-            metavar="FILE",
-            help=f"a TOML file with fields of the {kind} (usbench defaults {kind} > {kind}.toml writes one)",
-        )
+    parser.add_argument(
+        "--probe",
+        type=Path,
+        metavar="NAME_OR_FILE",
+        help="a probe of usbench list, or a TOML file with fields of the probe "
+        "(usbench defaults probe > probe.toml writes one)",
+    )
+    parser.add_argument(
+        "--imaging",
+        type=Path,
+        metavar="FILE",
+        help="a TOML file with fields of the imaging (usbench defaults imaging > imaging.toml writes one)",
+    )
 
 
 def probe_and_imaging(args: argparse.Namespace) -> "dict[str, Any]":

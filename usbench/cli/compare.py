@@ -15,7 +15,9 @@ if TYPE_CHECKING:
 
 EXAMPLES = """examples:
   usbench compare
-      the paper's grid: vpg, a2c, ppo and dqn on both tasks with three noise levels and 4 seeds
+      the grid of the protocol: every algorithm on both tasks with three noise levels and 10 seeds
+  usbench compare --table single-frames --leaderboard tables/single-frames.md
+      a further table of the protocol
   usbench compare --algos vpg ppo --tasks pp --noise 0 --seeds 10 --jobs 8
   usbench compare --steps 1024 --seeds 2 --out quick --leaderboard quick/leaderboard.md
       a minute's try
@@ -41,22 +43,28 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
     compare.add_argument(
         "--algos",
         nargs="+",
-        default=["vpg", "a2c", "ppo", "dqn"],
         metavar="NAME",
-        help="algorithms, also your own as module:name (default vpg a2c ppo dqn; see usbench list)",
+        help="algorithms, also your own as module:name (default: those of the protocol; see usbench list)",
     )
     compare.add_argument(
-        "--tasks", nargs="+", default=["fp", "pp"], metavar="NAME", help="tasks (default fp pp)"
+        "--table",
+        metavar="NAME",
+        help="a further table of the protocol in place of its grid, for example single-frames",
     )
+    compare.add_argument("--tasks", nargs="+", metavar="NAME", help="tasks (default: those of the protocol)")
     compare.add_argument(
         "--noise",
         nargs="+",
         type=number,
-        default=[0.0, 0.25, 0.5],
         metavar="P",
-        help="probabilities 0..1 (default 0 0.25 0.5)",
+        help="probabilities 0..1 (default: those of the protocol)",
     )
-    compare.add_argument("--seeds", type=number, default=4, metavar="N", help="number of seeds (default 4)")
+    compare.add_argument(
+        "--seeds",
+        type=number,
+        metavar="N",
+        help="number of seeds, the first of those that are kept for comparisons (default: as the protocol)",
+    )
     compare.add_argument(
         "--steps", type=number, metavar="N", help="training steps (default: the task's budget)"
     )
@@ -76,11 +84,19 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
 def _call(args: argparse.Namespace) -> None:
     """Run what is missing of a comparison, then write its leaderboard and figures."""
     from usbench.cli.output import sweep_output
-    from usbench.compare import plan, runs
+    from usbench.compare import plan, protocol, runs
     from usbench.results import leaderboard
 
     jobs = None if args.jobs is None else plan.positive("jobs", args.jobs)
-    planned = plan.plan(args.algos, args.tasks, args.noise, args.seeds, args.steps)
+    planned = plan.by_protocol(
+        protocol.read(),
+        args.table,
+        algos=args.algos,
+        tasks=args.tasks,
+        noises=args.noise,
+        n_seeds=args.seeds,
+        steps=args.steps,
+    )
     leaderboard.prepare(args.leaderboard)
     outcomes = [] if args.report_only else _run_missing(args, planned, jobs)
     # First: damaged records make no leaderboard.

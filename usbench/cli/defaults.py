@@ -1,4 +1,4 @@
-"""`usbench defaults`: write a file with every field of the probe or of the imaging, to start from."""
+"""`usbench defaults`: write a file of the probe or of the imaging, to start from."""
 
 import argparse
 from typing import Any
@@ -6,6 +6,8 @@ from typing import Any
 EXAMPLES = """examples:
   usbench defaults probe > probe.toml
   usbench defaults imaging > imaging.toml
+  usbench defaults l7-4 > probe.toml
+      a probe of usbench list, with the sources of its values
   usbench run --algo dqn --task pp --probe probe.toml --imaging imaging.toml
 """
 
@@ -16,11 +18,12 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         "defaults",
         parents=[debug],
         epilog=EXAMPLES,
-        help="print the defaults of the probe or of the imaging as a file to start from",
-        description="Print every field of the probe or of the imaging with its default, as a TOML file for "
-        "the options --probe and --imaging. Fields that you remove keep their defaults.",
+        help="print the default probe or imaging, or a probe by name, as a file to start from",
+        description="Print every field of the probe or of the imaging with its default, or the fields of a "
+        "probe of usbench list, as a TOML file for the options --probe and --imaging. Fields that you remove "
+        "keep their defaults.",
     )
-    defaults.add_argument("kind", metavar="KIND", help="probe or imaging")
+    defaults.add_argument("kind", metavar="KIND", help="probe, imaging, or a probe of usbench list")
     defaults.set_defaults(call=_call)
 
 

@@ -3,22 +3,33 @@
 from __future__ import annotations
 
 import argparse
+import sys
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from usbench.cli.arguments import add_probe_and_imaging, number, probe_and_imaging
 from usbench.cli.phantom import add_phantom, custom_anatomy
+
+if TYPE_CHECKING:
+    from usbench.watch.snapshot_option import Source
 
 EXAMPLES = """examples:
   usbench frame --x 10 --depth 35 --angle 60
   usbench frame --x 10 --depth 35 --angle 60 --plain --out frame.png
       the 90 x 40 pixels of 1 mm that an agent sees
   usbench frame --depth 37 --rf --out rf.npy
+  usbench frame --depth 37 --iq --out iq.uff
+      for USTB or pyuff_ustb, with the geometry of probe and lines
   usbench frame --task setup --frequency 3 --dynamic-range 40
   usbench frame --task pp-random --number 7 --angle 30
       the phantom of an episode, whose records name it
   usbench defaults probe > probe.toml; usbench frame --probe probe.toml
       with another probe, once you have changed the fields of probe.toml
+  usbench frame --depth 30 --probe l7-4
+      with a probe of usbench list
+  usbench frame --depth 30 --probe l7-4 --scatterers points.csv --pixel 0.1
+      of points of your own, a table of x_mm, y_mm, z_mm and amplitude
   usbench frame --angle 30 --phantom spine.mha frames=recorded
       of a custom anatomy (docs/anatomy.md)
 """
@@ -32,7 +43,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         epilog=EXAMPLES,
         help="what the probe sees from a pose, as a picture or as numbers",
         description="Write what the probe sees of a task's phantom, or of a 3-D image, from a pose: the "
-        "B-mode frame, its envelope or its RF, as a figure to scale (.png) or as numbers (.npy).",
+        "B-mode frame, its envelope or its RF, as a figure to scale (.png) or as numbers (.npy, .npz, .uff).",
     )
     frame.add_argument("--x", type=number, default=0, metavar="MM", help="of the probe's centre (default 0)")
     frame.add_argument("--depth", type=number, default=50, metavar="MM", help="of the focus (default 50)")
@@ -55,28 +66,68 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
     kind.add_argument(
         "--envelope", action="store_const", const="envelope", dest="kind", help="envelope of the scan lines"
     )
+    kind.add_argument(
+        "--iq", action="store_const", const="iq", dest="kind", help="I/Q of the scan lines, as .npz or .uff"
+    )
     add_phantom(frame)
+    frame.add_argument(
+        "--scatterers",
+        type=Path,
+        metavar="FILE",
+        help="a .csv or .npz of scatterers in place of the phantom: x, y, z (m) or x_mm, y_mm, z_mm, and "
+        "amplitude",
+    )
     add_probe_and_imaging(frame)
+    frame.add_argument(
+        "--pixel", type=number, metavar="MM", help="edge of a pixel (default 1; 0.2 of a file)"
+    )
+    frame.add_argument(
+        "--median",
+        type=number,
+        metavar="N",
+        help="edge of the median filter in pixels (default 5; 1 of a file)",
+    )
     frame.add_argument("--plain", action="store_true", help="the bare pixels, without axes")
     frame.add_argument(
-        "--out", type=Path, metavar="FILE", help=".png or .npy (default: a .png named after the pose)"
+        "--out",
+        type=Path,
+        metavar="FILE",
+        help=".png, .npy, .npz (with x and z), or .uff, which needs usbench[uff] (default: a .png named "
+        "after the pose)",
     )
     frame.set_defaults(call=_call, kind="frame")
 
 
 def _call(args: argparse.Namespace) -> None:
     """Write what the probe sees from a pose."""
-    from usbench.records import ConfigurationError
-    from usbench.watch import snapshot, snapshot_option
+    from usbench.watch import snapshot, snapshot_files, snapshot_option
 
-    if args.phantom and (args.task, args.number) != (None, None):
-        raise ConfigurationError("--phantom is in place of a task's phantom: leave out --task and --number.")
-    tissue = custom_anatomy(args.phantom, looking=True) or snapshot_option.phantom_of(args.task, args.number)
-    source = snapshot_option.Source(
-        tissue, snapshot_option.label(args.task, args.number), **probe_and_imaging(args)
-    )
+    source = _source(args)
+    source = replace(source, imaging=snapshot_option.imaging_of(source, args.pixel, args.median))
     pose = snapshot_option.pose(source, args.x, args.depth, args.angle, args.frequency, args.dynamic_range)
-    path = snapshot.path(args.out, args.kind, source, pose, plain=args.plain)
+    path = snapshot_files.path(args.out, args.kind, source, pose, plain=args.plain)
     taken = snapshot.take(source, pose, args.kind)
-    snapshot.write(taken, path, plain=args.plain)
+    snapshot_files.write(taken, path, plain=args.plain)
     print(f"{path}: {taken.kind}, {taken.values.shape} {taken.values.dtype}, {taken.unit}")
+
+
+def _source(args: argparse.Namespace) -> Source:
+    """Return what is examined, and with what."""
+    from usbench.envs.anatomy.points import read_points
+    from usbench.records import ConfigurationError
+    from usbench.watch import snapshot_option
+
+    given = [name for name in ("phantom", "scatterers") if getattr(args, name)]
+    if len(given) > 1:
+        raise ConfigurationError("--phantom and --scatterers exclude each other: leave one of them out.")
+    if given and (args.task, args.number) != (None, None):
+        raise ConfigurationError(
+            f"--{given[0]} is in place of a task's phantom: leave out --task and --number."
+        )
+    parts = probe_and_imaging(args)
+    if args.scatterers:
+        points = read_points(args.scatterers, tell=lambda text: print(text, file=sys.stderr))
+        return snapshot_option.Source(points, points.label, **parts)
+    tissue = custom_anatomy(args.phantom, looking=True) or snapshot_option.phantom_of(args.task, args.number)
+    usual, label = snapshot_option.usual_imaging(args.task), snapshot_option.label(args.task, args.number)
+    return snapshot_option.Source(tissue, label, usual=usual, **{"imaging": usual, **parts})

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from usbench.cli.arguments import add_probe_and_imaging, number, probe_and_imaging
+
+if TYPE_CHECKING:
+    from usbench.guide.session import Session
 
 EXAMPLES = """examples:
   usbench guide
   usbench guide runs/pp-p0-vpg-s0-f5fd15c6 --noise 0.25
   usbench guide --task fp --port 8000 --no-browser
+  usbench guide --study anna --task pp
   usbench guide --probe probe.toml --imaging imaging.toml
 
 Nobody but this machine can reach the page. From elsewhere: ssh -L 8000:127.0.0.1:8000 HOST
@@ -41,24 +45,37 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
     guide.add_argument(
         "--runs", type=Path, default=Path("runs"), metavar="DIR", help="folder with trials (default runs)"
     )
+    guide.add_argument(
+        "--study",
+        metavar="NAME",
+        help="play a study: the same episodes with and without advice, recorded in --runs",
+    )
     guide.add_argument("--port", type=number, default=0, metavar="N", help="(default: a free one)")
     guide.add_argument("--no-browser", action="store_true", help="print the address, open nothing")
-    guide.set_defaults(call=_call)
+    guide.set_defaults(call=_call, ends_at_once=True)
 
 
 def _call(args: argparse.Namespace) -> None:
     """Serve the page on which a person moves the probe, until Ctrl-C."""
-    from usbench.cli.output import trial_output
     from usbench.guide import server
-    from usbench.guide.session import Session
-    from usbench.tasks import PAPER
+
+    made: list[Session] = []
+
+    def make(tell: Callable[[str], None]) -> Session:
+        tell("loading PyTorch")
+        import torch
+
+        from usbench.guide.session import Session
+
+        torch.set_num_threads(1)  # as fast for one frame, and waits for nobody where other cores are busy
+        own = {"task": args.task, "noise": args.noise, **files}
+        made.append(Session(args.runs, args.trial, seed=args.seed, tell=tell, study=args.study, **own))
+        return made[0]
 
     with server.listening(args.port) as listener:
-        own = {"task": args.task, "noise": args.noise, **probe_and_imaging(args)}
-        session = Session(args.runs, args.trial, seed=args.seed, **own)
-        bars = trial_output.Bars()
-        # Of other tasks there are thousands: they are simulated as the probe moves.
-        for task in sorted({*session.tasks} & {*PAPER}):
-            replace(session.setting, task=task).prepare_frames(bars.frames)
-        bars.close()
-        server.serve(session, listener, browser=not args.no_browser)
+        files = probe_and_imaging(args)
+        try:
+            server.serve(make, listener, browser=not args.no_browser)
+        finally:
+            for session in made:
+                session.close()

@@ -37,7 +37,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
 def _call(args: argparse.Namespace) -> None:
     """Write a leaderboard and its figures again: of its tables, of a folder's trials, or of both."""
     from usbench.figures import comparison
-    from usbench.results import leaderboard, tables
+    from usbench.results import leaderboard, studies, tables
 
     folder = leaderboard.files(args.leaderboard)
     if args.runs is not None or args.add is not None:
@@ -53,19 +53,22 @@ def _call(args: argparse.Namespace) -> None:
         if args.add is not None:
             known = _added(tables.read(folder), known)
         tables.write(known, leaderboard.prepare(args.leaderboard))
+        studies.write(studies.gather(args.runs or args.add), folder)
     known = tables.read(folder)
     for path in [*leaderboard.write(folder, args.leaderboard), *comparison.write(known, folder)]:
         print(path)
 
 
 def _added(before: Results, known: Results) -> Results:
-    """Add trials to those of the tables, and say of those that were there whether they came out the same."""
-    from usbench.results import tables
+    """Add trials to those of the tables, and tell what became of them."""
+    from usbench.results import additions
 
-    same, other = tables.repeated(before, known)
-    if same or other:
-        n = len(same) + len(other)
-        print(f"in the tables already, with the same numbers: {len(same)} of {n}", file=sys.stderr)
-    for name in other:
+    addition = additions.add(before, known)
+    if addition.same or addition.other:
+        n = len(addition.same) + len(addition.other)
+        print(f"in the tables already, with the same numbers: {len(addition.same)} of {n}", file=sys.stderr)
+    for name in addition.other:
         print(f"in the tables already, with other numbers: {name}", file=sys.stderr)
-    return tables.joined(before, known)
+    for name, row in addition.apart.items():
+        print(f"with other settings than its algorithm's row, so in the row {row!r}: {name}", file=sys.stderr)
+    return addition.results

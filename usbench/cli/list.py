@@ -1,54 +1,127 @@
-"""`usbench list`: show tasks, algorithms and their defaults."""
+"""`usbench list`: show tasks, algorithms and probes, or everything about one of them."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+EXAMPLES = """examples:
+  usbench list
+      all tasks, algorithms and probes
+  usbench list dqn
+      the hyperparameters of an algorithm, as --set takes them
+  usbench list pp
+      the actions and episodes of a task
+"""
 
 
 def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
     """Add the command to the command line; `debug` is what all commands share."""
-    show = subparsers.add_parser("list", parents=[debug], help="show tasks, algorithms and their defaults")
+    show = subparsers.add_parser(
+        "list",
+        parents=[debug],
+        epilog=EXAMPLES,
+        help="show tasks, algorithms and probes, or everything about one of them",
+    )
+    show.add_argument("name", nargs="?", metavar="NAME", help="an algorithm or a task (default: all)")
     show.set_defaults(call=_call)
 
 
 def _call(args: argparse.Namespace) -> None:
-    """Show tasks, algorithms and their defaults."""
-    print_suite()
-
-
-def print_suite() -> None:
-    """Print the tasks, the algorithms and their defaults."""
+    """Show all tasks, algorithms and probes, or one algorithm or task."""
     from rich.console import Console
-    from rich.table import Table
 
-    from usbench import suite
+    tables = _everything() if args.name is None else [_one(args.name)]
+    for table in tables:
+        Console().print(table)
+
+
+def _everything() -> list[Table]:
+    """Return the tables of tasks, algorithms and probes: a line for each."""
+    from usbench import setting_files, suite
     from usbench.agents.plugins import registered
     from usbench.agents.zoo import ZOO
 
-    tasks = Table(title="tasks")
-    # Sentences may be broken, names to be typed may not.
-    for name in ("task", "Gymnasium id", "title", "steps", "evaluation\nepisodes"):
-        tasks.add_column(name, no_wrap=name != "title")
+    tasks = _table("tasks: usbench list TASK shows the actions", "task", "Gymnasium id", "steps", "title")
     for name, task in suite.TASKS.items():
-        episodes = str(len(suite.evaluation_episodes(name)))
-        tasks.add_row(name, task.env_id, task.guidance.title, str(task.steps), episodes)
-    algorithms = Table(title="algorithms")
-    for name in ("name", "defaults (--set)", "where they differ"):
-        algorithms.add_column(name, no_wrap=name != "where they differ")
+        tasks.add_row(name, task.env_id, str(task.steps), task.guidance.title)
+    algorithms = _table(
+        "algorithms: usbench list ALGORITHM shows the hyperparameters", "algorithm", "what it is"
+    )
     for name, entry in ZOO.items():
-        differing = [f"--task {task}: {_settings(values, ', ')}" for task, values in entry.tasks.items()]
-        differing += [
-            f"--preset {preset}: {_settings(values, ', ')}" for preset, values in entry.presets.items()
-        ]
-        defaults = _settings(entry.hyperparameters, "\n") if entry.learns else "does not learn"
-        algorithms.add_row(name, defaults, "\n".join(differing))
+        algorithms.add_row(name, entry.title)
     for name, place in registered().items():
-        algorithms.add_row(name, f"from {place}", "")
-    console = Console()
-    console.print(tasks)
-    console.print(algorithms)
+        algorithms.add_row(name, f"from {place}")
+    probes = _table("probes, for --probe", "probe", "what it is")
+    for name, title in setting_files.presets().items():
+        probes.add_row(name, title)
+    return [tasks, algorithms, probes]
+
+
+def _one(name: str) -> Table:
+    """Return everything about an algorithm or a task.
+
+    Raises:
+        ConfigurationError: If there is none of that name; the message says the closest.
+    """
+    from usbench import suite
+    from usbench.agents import plugins, zoo
+    from usbench.checks import ConfigurationError, unknown
+
+    if name in suite.TASKS:
+        return _task(name)
+    if name not in zoo.ZOO and ":" not in name and "+" not in name and name not in plugins.registered():
+        known = [*zoo.ZOO, *plugins.registered(), *suite.TASKS]
+        raise ConfigurationError(str(unknown("algorithm or task", name, known)))
+    return _algorithm(name)
+
+
+def _task(name: str) -> Table:
+    from usbench import suite
+
+    row = suite.TASKS[name]
+    table = _table(row.guidance.title, "", "")
+    table.add_row("task", name)
+    table.add_row("Gymnasium id", row.env_id)
+    for number, action in enumerate(row.guidance.actions):
+        table.add_row(f"action {number}", action.name)
+    table.add_row("steps of an episode", str(row.guidance.n_steps))
+    table.add_row("training steps", str(row.steps))
+    table.add_row("evaluation episodes", str(len(suite.evaluation_episodes(name))))
+    return table
+
+
+def _algorithm(name: str) -> Table:
+    from usbench.agents import zoo
+
+    entry = zoo.entry(name)
+    table = _table(entry.title or name, "", "")
+    table.add_row("algorithm", name)
+    table.add_row("class", entry.cls)
+    if not entry.learns:
+        table.add_row("--set", "nothing: it does not learn")
+    elif entry.hyperparameters:
+        table.add_row("--set, defaults", _settings(entry.hyperparameters, "\n"))
+    for task, values in entry.tasks.items():
+        table.add_row(f"--task {task}", _settings(values, "\n"))
+    for preset, values in entry.presets.items():
+        table.add_row(f"--preset {preset}", _settings(values, "\n"))
+    return table
+
+
+def _table(title: str, *headings: str) -> Table:
+    """Return an empty table; only the last column may be broken, names to be typed may not."""
+    from rich import box
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, show_header=any(headings))
+    for heading in headings:
+        table.add_column(heading, no_wrap=heading != headings[-1] or not any(headings))
+    return table
 
 
 def _settings(values: Mapping[str, float], separator: str) -> str:

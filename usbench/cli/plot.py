@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -50,5 +51,8 @@ def _call(args: argparse.Namespace) -> None:
     """Draw figures of any set of trials."""
     from usbench.figures import plots
 
-    for path in plots.write(args.runs, args.out, args.formats):
+    def tell(sentence: str) -> None:
+        print(f"left out: {sentence}", file=sys.stderr)
+
+    for path in plots.write(args.runs, args.out, args.formats, tell):
         print(path)

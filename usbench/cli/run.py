@@ -17,6 +17,7 @@ EXAMPLES = """examples:
   usbench run --algo dqn --task pp --phantom spine.mha frames=recorded target_x_mm=0 target_angle_deg=0
       in a custom anatomy (docs/anatomy.md)
   usbench run --algo dqn --task pp --probe probe.toml --imaging imaging.toml
+  usbench run --algo dqn --task pp-random --senses position heading
       with another probe and other frames (usbench defaults probe > probe.toml)
 """
 
@@ -37,6 +38,13 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
     run.add_argument("--steps", type=number, metavar="N", help="training steps (default: the task's budget)")
     run.add_argument(
         "--n-frames", type=number, default=4, metavar="N", help="frames in one observation (default 4)"
+    )
+    run.add_argument(
+        "--senses",
+        nargs="*",
+        metavar="SENSE",
+        help="what the agent is told beside the frames: position, focus, heading, actions "
+        "(default: the task's own, most tasks have none)",
     )
     run.add_argument(
         "--reward",
@@ -78,6 +86,7 @@ def _call(args: argparse.Namespace) -> None:
         seed=args.seed,
         steps=args.steps,
         n_frames=args.n_frames,
+        senses=args.senses,
         reward=args.reward,
         **examined,
         preset=args.preset,

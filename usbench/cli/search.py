@@ -1,19 +1,21 @@
-"""`usbench search`: search hyperparameters of an algorithm."""
+"""`usbench search`: choose the hyperparameters of each row of the comparison, by the protocol."""
 
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import Any
 
-from usbench.cli.arguments import GOES_ON, add_sweep, number
+from usbench.cli.arguments import GOES_ON, add_sweep
 
 EXAMPLES = """examples:
   usbench search --algo ppo
-  usbench search --algo dqn --tasks pp --noise 0 --steps 8032 --candidates 10 --jobs 8
-  usbench search --algo ppo --tasks pp --steps 8192 --candidates 8 --finalists 3
-      many candidates on little, then the best three on both of the paper's tasks, two seeds, the whole budget
+  usbench search
+      every row of the protocol, one after the other
+  usbench search --algo dqn --protocol mine.toml --records mine
+      candidates, rungs and seeds of a protocol of yours (docs/protocol.md)
 
-The same command goes on where it was stopped. Seeds begin at 1000, where no comparison has any.
+The same command goes on where it was stopped, on another machine too if the records are there.
 """
 
 
@@ -23,42 +25,38 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         "search",
         parents=[debug],
         epilog=EXAMPLES,
-        help="search hyperparameters of an algorithm",
-        description="Try hyperparameters of one algorithm and write a table; needs usbench[search].",
-    )
-    search.add_argument("--algo", required=True, help="algorithm, for example ppo (see usbench list)")
-    search.add_argument(
-        "--tasks", nargs="+", default=["fp", "pp"], metavar="NAME", help="tasks (default fp pp)"
-    )
-    search.add_argument("--noise", type=number, default=0.25, metavar="P", help="0..1 (default 0.25)")
-    search.add_argument(
-        "--seeds", type=number, default=1, metavar="N", help="seeds per candidate (default 1)"
+        help="choose hyperparameters by the protocol",
+        description="Train candidates of one algorithm or of all, round by round, by the protocol; the table "
+        "of algorithms takes the winner.",
     )
     search.add_argument(
-        "--steps", type=number, metavar="N", help="training steps (default: the task's budget)"
+        "--algo", metavar="NAME", help="a row of the protocol's search, for example ppo (default: all)"
     )
     search.add_argument(
-        "--candidates", type=number, default=20, metavar="N", help="candidates in all (default 20)"
+        "--protocol", type=Path, metavar="FILE", help="protocol (default: that of the benchmark)"
     )
     search.add_argument(
-        "--finalists",
-        type=number,
-        metavar="N",
-        help="number of best candidates to train again, on the paper's tasks with other seeds (default 0)",
+        "--records",
+        type=Path,
+        default=Path("search"),
+        metavar="FOLDER",
+        help="folder of the records, one file per row (default search)",
     )
     add_sweep(search)
     search.set_defaults(call=_call, interrupted=GOES_ON)
 
 
 def _call(args: argparse.Namespace) -> None:
-    """Search hyperparameters of one algorithm."""
+    """Search the hyperparameters of one row or of all."""
     from usbench.cli.output import sweep_output
-    from usbench.compare import plan, search
+    from usbench.compare import plan, protocol, search
     from usbench.envs.threads import n_threads
 
     jobs = n_threads() if args.jobs is None else plan.positive("jobs", args.jobs)
-    settings = search.settings_of(args.algo, args.tasks, noise=args.noise, seeds=args.seeds, steps=args.steps)
-    n_candidates = plan.positive("candidates", args.candidates)
-    n_finalists = 0 if args.finalists is None else plan.positive("finalists", args.finalists)
-    with sweep_output.SweepBars(args.quiet) as bars:
-        print(search.run(settings, n_candidates, args.out, bars, n_finalists, jobs=jobs))
+    rules = protocol.read(protocol.PATH if args.protocol is None else args.protocol)
+    rows = rules.search.rows if args.algo is None else [search.check_row(rules, args.algo)]
+    for row in rows:
+        with sweep_output.SweepBars(args.quiet) as bars:
+            winner = search.run(row, rules, args.records, args.out / "search", bars, jobs=jobs)
+        values = ", ".join(f"{name}={value}" for name, value in winner.hyperparameters.items())
+        print(f"{row}: candidate {winner.candidate}, score {winner.score:.3f}: {values}", flush=True)

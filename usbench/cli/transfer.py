@@ -28,7 +28,11 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         help="only these (default: all but your own, module:name, whose code is run if they are named)",
     )
     transfer.add_argument(
-        "--out", type=Path, default=Path("runs"), help="folder with the comparison's trials (default runs)"
+        "--runs",
+        type=Path,
+        default=Path("runs"),
+        metavar="DIR",
+        help="folder with the comparison's trials (default runs)",
     )
     add_leaderboard_file(transfer)
     transfer.add_argument("--quiet", action="store_true", help="no progress")
@@ -45,6 +49,6 @@ def _call(args: argparse.Namespace) -> None:
             print(text, file=sys.stderr)
 
     folder = leaderboard.files(args.leaderboard)
-    print(transfer.write(args.out, folder, tell, args.algos))
+    print(transfer.write(args.runs, folder, tell, args.algos))
     for path in leaderboard.write(folder, args.leaderboard):
         print(path)

@@ -3,7 +3,9 @@
 from collections.abc import Sequence
 from typing import Any
 
+from usbench import suite
 from usbench.checks import whole_number
+from usbench.compare.protocol import Extra, Protocol
 from usbench.records import ConfigurationError, TrialConfig
 from usbench.trials.configuration import resolve
 
@@ -11,25 +13,81 @@ from usbench.trials.configuration import resolve
 REFERENCE_POLICIES = ("random", "stay", "oracle")
 
 
-def plan(
-    algos: Sequence[str], tasks: Sequence[str], noises: Sequence[Any], n_seeds: Any, steps: Any = None
+def by_protocol(
+    protocol: Protocol,
+    table: str | None = None,
+    *,
+    algos: Sequence[str] | None = None,
+    tasks: Sequence[str] | None = None,
+    noises: Sequence[Any] | None = None,
+    n_seeds: Any = None,
+    steps: Any = None,
 ) -> list[TrialConfig]:
-    """Return the trials of all algorithms on all tasks with all noises and the seeds 0 to `n_seeds` - 1.
+    """Return the trials of the protocol's grid, or of one of its further tables; None is what that says.
 
-    Seeds come first: a comparison that is stopped has done the same for every algorithm.
+    Raises:
+        ConfigurationError: If a name is unknown, a value is not allowed, the pool has fewer seeds, or the
+            hyperparameters were chosen under another protocol; one sentence says which.
+    """
+    grid = protocol.comparison
+    extra = Extra(table or "", grid.noises, grid.seeds) if table is None else grid.extra(table)
+    algos = algos or extra.rows or grid.rows
+    protocol.check_winners(algos)
+    if extra.network is not None:
+        algos = [algo if algo in REFERENCE_POLICIES else f"{algo}+{extra.network}" for algo in algos]
+    setting = {} if extra.n_frames is None else {"n_frames": extra.n_frames}
+    return plan(
+        algos,
+        tasks or extra.tasks or grid.tasks,
+        noises or extra.noises,
+        protocol.comparison_seeds(extra.seeds if n_seeds is None else positive("seeds", n_seeds)),
+        steps,
+        extra.budgets,
+        **setting,
+    )
+
+
+def plan(
+    algos: Sequence[str],
+    tasks: Sequence[str],
+    noises: Sequence[Any],
+    seeds: Sequence[int],
+    steps: Any = None,
+    budgets: int = 1,
+    **setting: Any,
+) -> list[TrialConfig]:
+    """Return the trials of all algorithms on all tasks with all noises and seeds.
+
+    Cells come one after the other, and within a cell the seeds: a comparison that is stopped has whole cells,
+    and in the last one has done the same for every algorithm. Where `steps` is None, each task is trained
+    with `budgets` times its budget. `setting` goes to `resolve`.
 
     Raises:
         ConfigurationError: If a name is unknown or a value is not allowed; one sentence says which.
     """
     learners = [algo for algo in algos if algo not in REFERENCE_POLICIES]
-    cells = [(task, noise) for task in tasks for noise in noises]
-    planned = [resolve(algo, task, noise=noise) for algo in REFERENCE_POLICIES for task, noise in cells] + [
-        resolve(algo, task, noise=noise, seed=seed, steps=steps)
-        for seed in range(positive("seeds", n_seeds))
+    cells = [(task, noise) for noise in noises for task in tasks]
+    planned = [
+        resolve(algo, task, noise=noise, **setting) for algo in REFERENCE_POLICIES for task, noise in cells
+    ] + [
+        resolve(
+            algo,
+            task,
+            noise=noise,
+            seed=seed,
+            steps=_budget(task, budgets) if steps is None else steps,
+            **setting,
+        )
         for task, noise in cells
+        for seed in seeds
         for algo in learners
     ]
     return list({config.folder_name: config for config in planned}.values())
+
+
+def _budget(task: str, budgets: int) -> int | None:
+    """Return `budgets` times the budget of a task; None where the default serves."""
+    return None if budgets == 1 else budgets * suite.TASKS[task].steps
 
 
 def positive(name: str, value: Any) -> int:

@@ -1,244 +1,188 @@
-"""A search for hyperparameters: candidates from Optuna, trials from the sweep, a table at the end.
+"""The search for hyperparameters by the protocol: as many candidates, trials and steps for every row.
 
-A search that is killed and started again ends with the same table: what was begun stands in Optuna's journal,
-what was trained in the trials' records, and the candidates of a batch follow from those before it.
+Candidates are drawn at random, each row's by itself, and pruned by successive halving: every rung trains
+those that are left with more steps than the rung before, and keeps the best by their mean score.
 """
 
+import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from usbench import records, suite
-from usbench.agents.search_space import SPACES, Choice, Log
-from usbench.agents.zoo import hyperparameters
+from usbench.agents.zoo import WINNERS, winners
 from usbench.atomic import atomic_file
 from usbench.checks import unknown
 from usbench.compare import sweep
-from usbench.compare.plan import positive
-from usbench.records import ConfigurationError, Trial, TrialConfig
+from usbench.compare.protocol import Protocol
+from usbench.compare.search_record import Place, SearchRecord
+from usbench.records import ConfigurationError, TrialConfig, unwritable
 from usbench.trials.configuration import resolve
-
-# Comparisons count their seeds from 0. Finalists have others than those that chose them.
-FIRST_SEED, FINAL_SEED = 1000, 1100
-FINAL_SEEDS = 2
-# Candidates at a time, whatever the number of cores: they must not depend on it.
-BATCH = 4
 
 
 @dataclass(frozen=True)
-class Settings:
-    """What a candidate is judged by: its mean score over tasks and seeds after the last step."""
+class Winner:
+    """What a search has found: hyperparameters, and their mean score in the last rung."""
 
-    algo: str
-    tasks: tuple[str, ...]
-    noise: float
-    seeds: int
-    steps: int
-    first_seed: int = FIRST_SEED
-
-    @property
-    def finals(self) -> "Settings":
-        """What finalists are judged by: the paper's tasks with their whole budget, and more seeds."""
-        steps = suite.TASKS[suite.PAPER[0]].steps
-        return replace(self, tasks=suite.PAPER, seeds=FINAL_SEEDS, steps=steps, first_seed=FINAL_SEED)
-
-    @property
-    def folder_name(self) -> str:
-        """Name of the search's folder: trials, journal and table."""
-        return f"search-{self.algo}-{'-'.join(self.tasks)}-p{self.noise:g}-{self.seeds}x{self.steps}"
-
-    def trials(self, params: dict[str, Any]) -> list[TrialConfig]:
-        """Return the trials of the candidate `params`."""
-        return [
-            resolve(
-                self.algo,
-                task,
-                noise=self.noise,
-                seed=self.first_seed + seed,
-                steps=self.steps,
-                overrides=params,
-            )
-            for seed in range(self.seeds)
-            for task in self.tasks
-        ]
+    row: str
+    candidate: int
+    score: float
+    hyperparameters: Mapping[str, Any]
 
 
-def settings_of(algo: str, tasks: Sequence[str], *, seeds: Any, **asked: Any) -> Settings:
-    """Return checked settings; `asked` holds what `resolve` takes: `noise`, `steps`.
-
-    Raises:
-        ConfigurationError: If a name is unknown or a value is not allowed; one sentence says which.
-    """
-    if algo not in SPACES:
-        raise ConfigurationError(str(unknown("algorithm with a search space", algo, SPACES)))
-    configs = [resolve(algo, task, **asked) for task in dict.fromkeys(tasks)]
-    if len({config.steps for config in configs}) > 1:
-        raise ConfigurationError(
-            f"the tasks {', '.join(tasks)} have different budgets: say how many steps to train on each."
-        )
-    names = tuple(config.task for config in configs)
-    if unseen := [name for name in names if suite.TASKS[name].phantoms]:
-        raise ConfigurationError(
-            f"{unseen[0]} is evaluated on the phantoms that comparisons test with, which must not choose "
-            f"hyperparameters: search on {suite.TASKS[unseen[0]].single}."
-        )
-    return Settings(algo, names, configs[0].noise, positive("seeds", seeds), configs[0].steps)
+def check_row(protocol: Protocol, row: str) -> str:
+    """Return `row`; ConfigurationError if the protocol does not search it."""
+    if row not in protocol.search.rows:
+        raise ConfigurationError(str(unknown("row of the search", row, protocol.search.rows)))
+    return row
 
 
 def run(
-    settings: Settings,
-    n_candidates: int,
-    out: Path,
-    progress: sweep.Progress,
-    n_finalists: int = 0,
-    **kwargs: Any,
-) -> Path:
-    """Try candidates until there are `n_candidates`, then the best `n_finalists` again by `settings.finals`.
+    row: str, protocol: Protocol, folder: Path, out: Path, progress: sweep.Progress, **kwargs: Any
+) -> Winner:
+    """Run what is missing of a row's search; return the winner, which the table of algorithms takes over.
 
-    Returns the path of the table. `kwargs` go to the sweep. The first candidate is the algorithm's defaults.
+    Killed at any time and started again, a search ends with the same winner; of its trials only those that
+    were in progress are lost, and with their folders in `out` not even these.
+
+    Args:
+        row: A row of the protocol's search.
+        protocol: The protocol.
+        folder: Where the record of the search is, `<row>.jsonl`.
+        out: Folder for trials.
+        progress: Who is told.
+        kwargs: Go to the sweep.
 
     Raises:
-        ConfigurationError: If Optuna is not installed, `out` cannot be written, or finalists are asked for
-            in a search on other tasks.
+        ConfigurationError: If the record is of another protocol or space, or a folder cannot be written.
         KeyboardInterrupt: After the running trials have kept their state.
+        RuntimeError: If trials have failed for another reason than a training that diverged.
+        ValueError: If records are damaged.
     """
-    if n_finalists and not set(settings.tasks) <= set(suite.PAPER):
-        raise ConfigurationError(
-            f"finalists are judged on {' and '.join(suite.PAPER)}, which is no final of a search on "
-            f"{', '.join(settings.tasks)}: ask for no finalists."
-        )
-    folder = out / settings.folder_name
-    study = _study(settings, out)
-    while batch := _batch(study, settings, n_candidates):
-        for number, score in _judged(batch, settings, folder, progress, **kwargs).items():
-            study.tell(number, score, state=_state("FAIL" if score is None else "COMPLETE"))
-    ended = study.get_trials(deepcopy=False, states=(_state("COMPLETE"), _state("FAIL")))
-    scores = {trial.number: trial.value for trial in ended}
-    ended = _best_first(ended, scores)
-    text = f"# Search for `{settings.algo}`\n\n" + _table(ended, scores, settings, folder)
-    if n_finalists:
-        finalists = [trial for trial in ended if trial.value is not None][:n_finalists]
-        scores = _judged(finalists, settings.finals, folder, progress, **kwargs)
-        finalists = _best_first(finalists, scores)
-        text += "\n## The best of them again\n\n" + _table(finalists, scores, settings.finals, folder)
-    path = folder / "search.md"
-    with atomic_file(path) as file:
-        file.write(text.encode())
-    return path
+    record = SearchRecord(folder, check_row(protocol, row), protocol)
+    left: Sequence[int] = range(protocol.search.candidates)
+    scores: dict[int, float] = {}
+    for number, rung in enumerate(protocol.search.rungs):
+        planned = plan(record, protocol, number, left)
+        _run_rung(record, planned, protocol, out, progress, **kwargs)
+        scores = mean_scores(record, number)
+        left = best(scores)[: rung.keep]
+    winner = Winner(row, left[0], scores[left[0]], record.candidates[left[0]])
+    if protocol.is_of_the_package:
+        _hand_over(winner, protocol)
+    return winner
 
 
-def _best_first(candidates: Sequence[Any], scores: Mapping[int, float | None]) -> list[Any]:
-    """Return the candidates by their scores, those that failed at the end."""
-    return sorted(candidates, key=lambda one: (scores[one.number] is None, -(scores[one.number] or 0.0)))
-
-
-def _judged(
-    candidates: Sequence[Any], settings: Settings, folder: Path, progress: sweep.Progress, **kwargs: Any
-) -> dict[int, float | None]:
-    """Run what is missing of the candidates' trials; return their scores by number, None where one failed."""
-    trials = {candidate.number: settings.trials(candidate.params) for candidate in candidates}
-    outcomes = sweep.run([one for each in trials.values() for one in each], folder, progress, **kwargs)
-    failed = {outcome.config.folder_name for outcome in outcomes if outcome.reason is not None}
+def plan(
+    record: SearchRecord, protocol: Protocol, number: int, left: Sequence[int]
+) -> dict[Place, TrialConfig]:
+    """Return the trials of a rung with the candidates that are left, by their places."""
+    search = protocol.search
+    rung = search.rungs[number]
     return {
-        number: None if any(config.folder_name in failed for config in own) else _mean(own, folder)
-        for number, own in trials.items()
+        Place(number, candidate, task, noise, seed): resolve(
+            record.row,
+            task,
+            noise=noise,
+            seed=protocol.pools.check("search", seed),
+            steps=rung.steps,
+            overrides=record.candidates[candidate],
+        )
+        for candidate in left
+        for seed in rung.seeds
+        for noise in search.noises
+        for task in search.tasks
     }
 
 
-def _study(settings: Settings, out: Path) -> Any:
+def mean_scores(record: SearchRecord, number: int) -> dict[int, float]:
+    """Return each candidate's mean score over a rung's trials; minus infinity where one of them diverged."""
+    found: dict[int, list[float]] = {}
+    for place, one in record.trials.items():
+        if place.rung == number:
+            score = float("-inf") if one["score"] is None else float(one["score"])
+            found.setdefault(place.candidate, []).append(score)
+    return {candidate: sum(each) / len(each) for candidate, each in found.items()}
+
+
+def best(scores: Mapping[int, float]) -> list[int]:
+    """Return the candidates, best first; the first drawn goes before where two are equal."""
+    return sorted(scores, key=lambda candidate: (-scores[candidate], candidate))
+
+
+def _run_rung(
+    record: SearchRecord,
+    planned: Mapping[Place, TrialConfig],
+    protocol: Protocol,
+    out: Path,
+    progress: sweep.Progress,
+    **kwargs: Any,
+) -> None:
+    for place, config in planned.items():
+        record.add(place, config, out)  # what ended, and was not recorded before a kill
+    missing = {place: config for place, config in planned.items() if place not in record.trials}
+    if not missing:
+        return
+    recording = _Recording(record, missing, protocol, out, progress, kwargs.get("jobs", 1))
+    outcomes = sweep.run(list(missing.values()), out, recording, **kwargs)
+    reasons = {outcome.config.folder_name: outcome.reason for outcome in outcomes}
+    failed = [config for place, config in missing.items() if place not in record.trials]
+    if failed:
+        raise RuntimeError(
+            f"{len(failed)} of {len(missing)} trials failed, as {failed[0].title}: "
+            f"{reasons[failed[0].folder_name]}; the same command tries them again."
+        )
+
+
+class _Recording:
+    """A sweep's progress that records every trial when it ends, and knows what the search still takes."""
+
+    def __init__(
+        self,
+        record: SearchRecord,
+        missing: Mapping[Place, TrialConfig],
+        protocol: Protocol,
+        out: Path,
+        progress: sweep.Progress,
+        jobs: int,
+    ) -> None:
+        self._record, self._protocol, self._out, self._jobs = record, protocol, out, jobs
+        self._places = {config.folder_name: place for place, config in missing.items()}
+        self._progress = progress
+        self.frames, self.retried = progress.frames, progress.retried
+
+    def started(self, n_missing: int, n_finished: int, expected_s: float | None) -> None:
+        """Tell how long the whole search of the row still takes, later rungs included."""
+        self._progress.started(n_missing, len(self._record.trials), self._seconds_left())
+
+    def ended(self, outcome: sweep.Outcome) -> None:
+        """Record the trial, and tell."""
+        self._record.add(self._places[outcome.config.folder_name], outcome.config, self._out)
+        self._progress.ended(outcome)
+
+    def _seconds_left(self) -> float | None:
+        """Return how long the trials of all rungs take that are not recorded; None before the first trial."""
+        search, per_step = self._protocol.search, self._record.seconds_per_step()
+        if per_step is None:
+            return None
+        total = sum(n * rung.steps for n, rung in zip(search.n_trials(), search.rungs, strict=True))
+        done: int = sum(one["steps"] for one in self._record.trials.values())
+        return (total - done) * per_step / self._jobs
+
+
+def _hand_over(winner: Winner, protocol: Protocol) -> None:
+    """Write the winner where the table of algorithms reads it."""
+    chosen = {
+        **winners(),
+        winner.row: {
+            "protocol": protocol.digest,
+            "candidate": winner.candidate,
+            "score": round(winner.score, 4),
+            "hyperparameters": dict(winner.hyperparameters),
+        },
+    }
     try:
-        import optuna
-        from optuna.storages import JournalStorage
-        from optuna.storages.journal import JournalFileBackend
-    except ImportError:
-        raise ConfigurationError("a search needs Optuna: pip install 'usbench[search]'.") from None
-    optuna.logging.set_verbosity(optuna.logging.WARNING)
-    folder = out / settings.folder_name
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        storage = JournalStorage(JournalFileBackend(str(folder / "study.journal")))
+        with atomic_file(WINNERS) as file:
+            file.write(json.dumps(chosen, indent=2, sort_keys=True).encode() + b"\n")
     except OSError as error:
-        raise records.unwritable(out, error) from error
-    study = optuna.create_study(
-        storage=storage, study_name=settings.algo, direction="maximize", load_if_exists=True
-    )
-    defaults = hyperparameters(settings.algo, settings.tasks[0])
-    if not study.trials:
-        study.enqueue_trial({name: defaults[name] for name in SPACES[settings.algo]})
-    return study
-
-
-def _batch(study: Any, settings: Settings, n_candidates: int) -> list[Any]:
-    """Return the candidates that have begun and have no score, and new ones up to BATCH or `n_candidates`."""
-    import optuna
-
-    running = list(study.get_trials(deepcopy=False, states=(_state("RUNNING"),)))
-    n_begun = sum(trial.state != _state("WAITING") for trial in study.get_trials(deepcopy=False))
-    # A batch that a kill left half asked for is filled up: the same candidates as without it.
-    n_batches = -(-n_begun // BATCH) if running else n_begun // BATCH + 1
-    for number in range(n_begun, min(n_batches * BATCH, n_candidates)):
-        # A new sampler for each, so that a candidate does not depend on how the one before was chosen.
-        study.sampler = optuna.samplers.TPESampler(seed=number, n_startup_trials=8, constant_liar=True)
-        running.append(study.ask(_distributions(settings.algo)))
-    return running
-
-
-def _distributions(algo: str) -> dict[str, Any]:
-    from optuna.distributions import CategoricalDistribution, FloatDistribution
-
-    kinds: dict[str, Any] = {}
-    for name, space in SPACES[algo].items():
-        match space:
-            case Log(low, high):
-                kinds[name] = FloatDistribution(low, high, log=True)
-            case Choice(values):
-                kinds[name] = CategoricalDistribution(values)
-    return kinds
-
-
-def _state(name: str) -> Any:
-    from optuna.trial import TrialState
-
-    return TrialState[name]
-
-
-def _mean(configs: Sequence[TrialConfig], folder: Path) -> float:
-    """Return the mean normalised score with greedy actions after the last step, as the leaderboard does."""
-    scores = []
-    for config in configs:
-        last = Trial.read(folder / config.folder_name).last_evaluation(deterministic=True)
-        scores.append(float(last["normalized_score"].mean()))
-    return sum(scores) / len(scores)
-
-
-def _table(
-    candidates: Sequence[Any], scores: Mapping[int, float | None], settings: Settings, folder: Path
-) -> str:
-    """Return the candidates, in this order, as Markdown."""
-    rows = []
-    for candidate in candidates:
-        configs, score = settings.trials(candidate.params), scores[candidate.number]
-        row = {"candidate": candidate.number, "score": score}
-        for task in settings.tasks if score is not None else ():
-            row[task] = _mean([config for config in configs if config.task == task], folder)
-        rows.append(row | candidate.params)
-    columns = ["candidate", "score", *settings.tasks, *SPACES[settings.algo]]
-    lines = [columns, ["---"] * len(columns)]
-    lines += [[_text(row.get(name)) for name in columns] for row in rows]
-    first, last = settings.first_seed, settings.first_seed + settings.seeds - 1
-    seeds = f"seed {first}" if first == last else f"seeds {first} to {last}"
-    return (
-        f"{len(rows)} candidates on {' and '.join(settings.tasks)}, noise {settings.noise:g}, "
-        f"{settings.steps} steps, {seeds} (no comparison uses them). The score is the mean over tasks and "
-        "seeds of the normalised score with greedy actions after the last step. Candidate 0 has the "
-        "defaults.\n\n" + "".join(f"| {' | '.join(line)} |\n" for line in lines)
-    )
-
-
-def _text(value: object) -> str:
-    if value is None:
-        return "failed"
-    if isinstance(value, bool):
-        return str(value).lower()
-    return f"{value:.3g}" if isinstance(value, float) else str(value)
+        raise unwritable(WINNERS.parent, error) from error

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from usbench.figures import paper, style
 from usbench.results import scores, stats
+from usbench.results.agents import named
 from usbench.results.scores import SCORED, Cell
 from usbench.results.tables import Results
 
@@ -54,13 +55,13 @@ def draw(known: Results) -> dict[str, Figure | None]:
 def styles(known: Results) -> Looks:
     """Return how every agent that learns is drawn, the same in all figures."""
     learning = known.trials[known.trials["steps"] > 0]
-    return style.styles([*learning["algo"], *scores.agents(learning)["agent"]])
+    return style.styles([*learning["algo"], *named(learning)["agent"]])
 
 
 def final_scores(known: Results, looks: Looks) -> Figure | None:
     """Draw the score of every agent in every cell with its interval; small circles are its seeds."""
     last = known.curves[known.curves["kind"] == SCORED].groupby("trial").tail(1)
-    table = last.merge(scores.agents(known.trials), on="trial")
+    table = last.merge(named(known.trials), on="trial")
     if table.empty:
         return None
     order = table.groupby("agent")["normalized_score"].median().sort_values(kind="stable")
@@ -140,9 +141,9 @@ def improvement(known: Results) -> Figure | None:
     matrices = scores.learners(known)
     if len(matrices) < 2:
         return None
-    ranked = list(scores.overall(matrices)["algo"])
+    ranked = list(scores.overall(matrices)["agent"])
     pairs = scores.improvement(matrices)
-    better = pairs["algo"].map(ranked.index) < pairs["other"].map(ranked.index)
+    better = pairs["agent"].map(ranked.index) < pairs["other"].map(ranked.index)
     pairs = pairs[better].sort_values("probability", kind="stable")
     figure, axes = style.panels(1, 1, width=6.5, height=0.6 + 0.26 * len(pairs))
     axis = axes[0, 0]
@@ -151,7 +152,7 @@ def improvement(known: Results) -> Figure | None:
         sure = "none" if np.isnan(pair.low) else "full"
         axis.plot(pair.probability, height, "o", color="black", fillstyle=sure, markersize=5)
     axis.axvline(0.5, color="black", linestyle=":", linewidth=1)
-    axis.set_yticks(range(len(pairs)), pairs["algo"] + " > " + pairs["other"])
+    axis.set_yticks(range(len(pairs)), pairs["agent"] + " > " + pairs["other"])
     axis.set_xlim(-0.02, 1.02)
     hollow = " (hollow: one seed, none)" if pairs["low"].isna().any() else ""
     axis.set_xlabel(f"probability of improvement, 95 % bootstrap interval{hollow}")

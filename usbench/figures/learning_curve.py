@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 
 from usbench.figures import style
 from usbench.records import Trial
+from usbench.results.ceilings import ceiling
 
 LEARNING_CURVE = "learning_curve.png"
 SMOOTHING_EPISODES = 40
@@ -28,7 +29,8 @@ def draw(trial: Trial) -> Figure:
     """Draw the return of a trial over its training steps; the normalised score stands on the right.
 
     Drawn are training episodes (moving mean), every evaluation (mean and standard deviation over its
-    episodes), and lines for the random agent and the optimum.
+    episodes), and lines for the random agent, the optimum and, where it is known, the ceiling of an agent's
+    knowledge.
 
     Raises:
         ValueError: If the trial has no evaluations.
@@ -51,6 +53,10 @@ def draw(trial: Trial) -> Figure:
         if not greedy:
             axes.fill_between(mean.index, mean - spread, mean + spread, color=color, alpha=0.18, linewidth=0)
     axes.axhline(anchors.optimal, color="black", linewidth=1, linestyle="-.", label="optimum")
+    known = ceiling(trial.config.task, trial.config.environment.get("senses", ()))
+    if known is not None and trial.config.noise == 0:
+        line = anchors.return_of(known)
+        axes.axhline(line, color="0.4", linewidth=1, linestyle="--", label="ceiling of what it is told")
     axes.axhline(anchors.random, color="black", linewidth=1, linestyle=":", label="random agent")
 
     axes.set_title(trial.title, fontsize=11)

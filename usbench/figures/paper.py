@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from usbench.figures import style
-from usbench.results import scores
+from usbench.results.agents import named
 from usbench.results.tables import TRAINING, TRAINING_PARTS, Results
 
 # Steps per policy update in the paper's Table II; it draws its deviations after every 50 updates.
@@ -41,7 +41,7 @@ def figure5(known: Results) -> Figure | None:
 
 def _draw(known: Results, columns: tuple[tuple[str, str, str, str], ...]) -> Figure | None:
     """Draw a row of panels for each agent, a line for each noise, bars of one standard deviation."""
-    table = known.curves[known.curves["kind"] == TRAINING].merge(scores.agents(known.trials), on="trial")
+    table = known.curves[known.curves["kind"] == TRAINING].merge(named(known.trials), on="trial")
     columns = tuple(column for column in columns if column[0] in set(table["task"]))
     if not columns:
         return None

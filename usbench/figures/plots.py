@@ -1,6 +1,6 @@
 """The figures of any set of trials, as files in a folder."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from usbench import records
@@ -9,7 +9,12 @@ from usbench.records import ConfigurationError, Trial
 from usbench.results import sources
 
 
-def write(paths: Sequence[Path], out: Path, formats: Sequence[str] = ("png",)) -> list[Path]:
+def write(
+    paths: Sequence[Path],
+    out: Path,
+    formats: Sequence[str] = ("png",),
+    damaged: Callable[[str], None] | None = None,
+) -> list[Path]:
     """Draw the figures of all trials in `paths` into the folder `out`; return the files.
 
     They are those of the leaderboard, and a learning curve of every trial that is itself one of `paths`.
@@ -18,6 +23,7 @@ def write(paths: Sequence[Path], out: Path, formats: Sequence[str] = ("png",)) -
         paths: Folders of trials, single trials, or folders of tables, as `sources.gather` takes them.
         out: Folder for the figures, made if need be.
         formats: Some of `style.FORMATS`.
+        damaged: Told of each trial whose record is broken, which is then left out; without it, an error.
 
     Raises:
         ConfigurationError: If there is nothing to draw, a format is unknown or `out` cannot be a folder.
@@ -27,7 +33,7 @@ def write(paths: Sequence[Path], out: Path, formats: Sequence[str] = ("png",)) -
             raise ConfigurationError(
                 f"the format of a figure must be one of {', '.join(style.FORMATS)}, not {kind!r}."
             )
-    known = sources.gather(paths)
+    known = sources.gather(paths, damaged)
     # Also of a trial that is still running.
     single = [Trial.read(path.resolve()) for path in paths if _has_evaluations(path)]
     if known.curves.empty and not single:

@@ -4,18 +4,36 @@ import json
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from usbench import records
 from usbench.agents import zoo
+from usbench.coordinates import TARGET
+from usbench.envs.oracle import Planner
 from usbench.guide.examination import GUIDED, Opened
 from usbench.records import ConfigurationError, Trial
 from usbench.setting import Setting
 from usbench.trials.model_loading import load_agent
 from usbench.watch.advice import Adviser
+from usbench.watch.moment import Advice
 
 ORACLE = "oracle"
 # What decides how images look: in other images than those of its training, an agent's advice means nothing.
 SEEN = ("anatomy", "probe", "imaging")
+
+
+class ExactAdviser:
+    """The exact optimum, which knows where the probe and the object are."""
+
+    def __init__(self, planner: Planner) -> None:
+        """Advise what `planner` finds best."""
+        self._planner = planner
+
+    def advise(self, observation: Any, info: dict[str, Any], step: int) -> Advice:
+        """Return the expected return of every action to the end of the episode, undiscounted."""
+        target = tuple(info[name] for name in TARGET) if TARGET[0] in info else None
+        pose = tuple(info[name] for name in self._planner.coordinates)
+        return Advice(tuple(self._planner.policy(target).returns(step, pose).tolist()), "value")
 
 
 @dataclass(frozen=True)
@@ -92,12 +110,12 @@ def open_trial(trial: Known, setting: Setting) -> Opened:
             f"This model does not fit: {trial.name} was trained with another {' and another '.join(others)}."
         )
     loaded = load_agent(trial.folder)
-    return Opened(Adviser(loaded.agent), loaded.config.n_frames)
+    return Opened(Adviser(loaded.agent), trial.setting.n_frames, trial.setting.senses)
 
 
 def open_oracle(setting: Setting) -> Opened:
     """Return the exact optimum as an agent: it knows where the probe and the object are."""
-    return Opened(Adviser(zoo.make("oracle", setting.make_env(), 0, {}, policy=setting.planner())))
+    return Opened(ExactAdviser(setting.planner()))
 
 
 def _known(folder: Path) -> Known | None:

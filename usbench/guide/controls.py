@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from usbench.coordinates import COORDINATES, Key
 from usbench.envs.pose import Move
-from usbench.envs.task import Task
+from usbench.envs.task import Action, Task
 
 
 @dataclass(frozen=True)
@@ -12,7 +12,7 @@ class Control:
     """One action on the page.
 
     Attributes:
-        name: What the task calls the action.
+        name: What the page calls the action: as the task does, "focus up" for "up".
         advice: The words that advise this action.
         key: The key that takes this action, as browsers name it.
         key_label: What is printed on that key.
@@ -35,7 +35,12 @@ def controls(task: Task) -> list[Control]:
     rows = [_row(action.move) for action in task.actions]
     if task.stops:
         rows[-1] = STOP
-    return [Control(action.name, *row) for action, row in zip(task.actions, rows, strict=True)]
+    return [Control(name(action), *row) for action, row in zip(task.actions, rows, strict=True)]
+
+
+def name(action: Action) -> str:
+    """Return what the page calls an action; beside a probe, "up" alone does not say what goes up."""
+    return f"focus {action.name}" if action.name in ("up", "down") else action.name
 
 
 def _row(move: Move) -> Key:

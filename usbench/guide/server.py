@@ -1,23 +1,24 @@
-"""The page of a guide on loopback: Starlette's routes to a `Session`, nothing else.
+"""The page of a guide on loopback: Starlette's routes to a `Desk`, nothing else.
 
-A GET changes nothing; whatever changes the session is a POST.
+A GET changes nothing; whatever changes the session is a POST. This module loads neither PyTorch nor the
+simulator, so that the address is printed at once.
 """
 
+from __future__ import annotations
+
+import asyncio
 import contextlib
-import json
 import os
 import socket
 import sys
 import webbrowser
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
 
-import torch
-
-from usbench.checks import whole_number
-from usbench.guide.session import Session
-from usbench.records import ConfigurationError
+from usbench.checks import ConfigurationError, whole_number
+from usbench.guide.desk import Desk, Stale, Tell, Work
 
 try:
     import uvicorn
@@ -28,53 +29,90 @@ try:
     from starlette.responses import JSONResponse, Response
     from starlette.routing import Mount, Route
     from starlette.staticfiles import StaticFiles
+
+    from usbench.guide.access import Refused, body, check_sender, new_token, redirection
 except ImportError:
     raise ConfigurationError("a guide needs Starlette and uvicorn: pip install 'usbench[guide]'.") from None
 
+if TYPE_CHECKING:
+    from usbench.guide.session import Session
+
 HOST = "127.0.0.1"
 PAGE = Path(__file__).with_name("page")
+PATIENCE = 0.3  # s that an answer waits for work; the page hears of work that takes longer
+STALE = "This examination went on in another tab: the page shows now where it is."
 # Only what comes from here is loaded, and no other page may hold this one in a frame.
 HEADERS = {
     "Content-Security-Policy": "default-src 'self'; frame-ancestors 'none'; form-action 'none'",
     "Cache-Control": "no-store",
     "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
 }
 
 
-def application(session: Session) -> Starlette:
-    """Return the web application of `session`."""
+def application(desk: Desk, token: str) -> Starlette:
+    """Return the web application of `desk`; all but the page's files is for who has the token."""
 
-    def button(work: Callable[..., None], *names: str) -> Callable[[Request], Awaitable[Response]]:
+    def button(name: str, *keys: str, optional: bool = False) -> Route:
         async def pressed(request: Request) -> Response:
-            # Another site's page can send anything but this type without asking first.
-            if request.headers.get("content-type") != "application/json":
-                return _refusal("the body must be application/json.", 415)
-            try:
-                body = json.loads(await request.body())
-                if not isinstance(body, dict) or not body.keys() <= set(names):
-                    raise ValueError(f"the body must be an object with no other keys than {list(names)}.")
-                work(**body)
-            except (ValueError, TypeError) as error:
-                return _refusal(str(error), 400)
-            return _answer(session)
+            check_sender(request, token)
+            values = await body(request)
+            place = values.pop("place", None)
+            if not values.keys() <= set(keys) or not (optional or values.keys() == set(keys)):
+                raise Refused(
+                    400, f"the body must be an object with the keys {list(keys)}, not {list(values)}."
+                )
+            if desk.busy:
+                return _answer({"error": f"The guide is busy: {desk.busy}.", "state": desk.state()}, 409)
 
-        return pressed
+            def work(session: Session) -> None:
+                # On a page that is out of date, nobody has seen what the button would act on.
+                if place != session.place:
+                    raise Stale
+                getattr(session, name)(**values)
 
-    async def state(_: Request) -> Response:
-        return _answer(session)
+            return await done(work)
+
+        return Route(f"/{name}", pressed, methods=["POST"])
+
+    async def done(work: Work) -> Response:
+        """Let `work` be done and answer with the new state; with the old one and `busy` if it takes long."""
+        job = asyncio.wrap_future(desk.do(work))
+        await asyncio.wait([job], timeout=PATIENCE)
+        error = job.exception() if job.done() else None
+        if isinstance(error, Stale):
+            return _answer({"error": STALE, "state": desk.state()}, 409)
+        if isinstance(error, ValueError | TypeError | OverflowError):
+            raise Refused(400, str(error)) from error
+        if error is not None:
+            raise error
+        return _answer(desk.state())
+
+    async def state(request: Request) -> Response:
+        check_sender(request, token)
+        return _answer(desk.state())
+
+    async def update(request: Request) -> Response:
+        check_sender(request, token)
+        await body(request)
+        return _answer(desk.state()) if desk.busy else await done(lambda session: session.update())
 
     routes = [
         Route("/state", state),
-        Route("/act", button(session.act, "action"), methods=["POST"]),
-        Route("/follow", button(session.follow), methods=["POST"]),
-        Route("/begin", button(session.begin), methods=["POST"]),
-        Route("/train", button(session.train), methods=["POST"]),
-        Route("/update", button(session.update), methods=["POST"]),
-        Route("/choose", button(session.choose, "task", "noise", "agent", "hidden"), methods=["POST"]),
+        Route("/update", update, methods=["POST"]),
+        button("act", "action"),
+        button("follow"),
+        button("begin"),
+        button("train"),
+        button("choose", "task", "noise", "agent", "hidden", optional=True),
         Mount("/", _Files(directory=PAGE, html=True)),
     ]
-    # Another site's name may be made to lead to loopback.
-    return Starlette(routes=routes, middleware=[Middleware(TrustedHostMiddleware, [HOST, "localhost"])])
+    return Starlette(
+        routes=routes,
+        # Another site's name may be made to lead to loopback.
+        middleware=[Middleware(TrustedHostMiddleware, [HOST, "localhost"])],
+        exception_handlers={Refused: _refusal},
+    )
 
 
 @contextlib.contextmanager
@@ -98,30 +136,37 @@ def listening(port: Any = 0) -> Iterator[socket.socket]:
         yield listener
 
 
-def address(listener: socket.socket) -> str:
-    """Return where the page is."""
-    return f"http://{HOST}:{listener.getsockname()[1]}/"
+def address(listener: socket.socket, token: str) -> str:
+    """Return where the page is, with the token that it needs."""
+    return f"http://{HOST}:{listener.getsockname()[1]}/?token={token}"
 
 
-def serve(session: Session, listener: socket.socket, *, browser: bool) -> None:
-    """Serve the page until Ctrl-C, which is raised then; open it in a browser if asked to and possible."""
-    print(f"The guide is at {address(listener)} (Ctrl-C ends it).", flush=True)
+def serve(make: Callable[[Tell], Session], listener: socket.socket, *, browser: bool) -> None:
+    """Serve the page until Ctrl-C, which is raised then; open it in a browser if asked to and possible.
+
+    The address is printed at once; `make` makes the session meanwhile, as `Desk.start` takes it.
+
+    Raises:
+        Exception: That of `make`.
+    """
+    token, desk = new_token(), Desk()
+    url, running = address(listener, token), server(desk, token)
+    print(f"The guide is at {url} (Ctrl-C ends it).", flush=True)
     # Without a screen, Python would start a browser in this terminal.
     on_screen = sys.platform != "linux" or bool({"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys())
-    if browser and on_screen:
-        webbrowser.open(address(listener))
-    torch.set_num_threads(1)  # as fast for one frame, and waits for nobody where other cores are busy
-    try:
-        server(session).run(sockets=[listener])
-    finally:
-        session.close()
+    with TemporaryDirectory(prefix="usbench-guide-") as folder:
+        desk.start(make, failed=lambda: setattr(running, "should_exit", True))
+        if browser and on_screen:
+            webbrowser.open(redirection(Path(folder), url))
+        running.run(sockets=[listener])
+    if desk.failure is not None:
+        raise desk.failure
 
 
-def server(session: Session) -> uvicorn.Server:
-    """Return a server for `session`; `run(sockets=[listener])` serves until it is interrupted."""
-    config = uvicorn.Config(
-        application(session), log_level="warning", lifespan="off", timeout_graceful_shutdown=1
-    )
+def server(desk: Desk, token: str) -> uvicorn.Server:
+    """Return a server for `desk`; `run(sockets=[listener])` serves until it is interrupted."""
+    config = uvicorn.Config(application(desk, token), log_level="warning", lifespan="off")
+    config.timeout_graceful_shutdown = 0.5  # type: ignore[assignment]  # seconds; uvicorn takes a float too
     return uvicorn.Server(config)
 
 
@@ -134,9 +179,10 @@ class _Files(StaticFiles):
         return response
 
 
-def _answer(session: Session) -> Response:
-    return JSONResponse(session.state(), headers=HEADERS)
+def _answer(values: Mapping[str, Any], status: int = 200) -> Response:
+    return JSONResponse(values, status, HEADERS)
 
 
-def _refusal(sentence: str, status: int) -> Response:
-    return JSONResponse({"error": sentence}, status_code=status, headers=HEADERS)
+async def _refusal(_: Request, refused: Exception) -> Response:
+    status = refused.status if isinstance(refused, Refused) else 500
+    return _answer({"error": str(refused)}, status)

@@ -1,6 +1,6 @@
 """What a person has chosen on the page, what the page's buttons do, and all that it shows, as plain data."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from usbench.guide import agents as guide_agents
 from usbench.guide import view
 from usbench.guide.agents import ORACLE, Known
 from usbench.guide.examination import GUIDED, Examination, Opened
+from usbench.guide.study import Study
 from usbench.guide.training import QuickTraining, can_train
 from usbench.records import ConfigurationError
 from usbench.setting import Setting
@@ -27,53 +28,105 @@ class Session:
         setting: Task, noise, anatomy, probe and imaging of the examinations.
         examination: The episode that is going on.
         agent: Name of the trial whose agent advises, or "oracle".
-        message: A sentence for the person; empty if there is nothing to say.
+        message: A sentence on what went wrong; empty if nothing did.
+        notice: A sentence of good news; empty if there is none.
         tasks: Tasks that can be chosen.
         hidden: Whether the object, and all that tells where it is, is hidden until the episode ends.
         training: Trains an agent on request.
+        study: The study that is played; None if none is.
+        n_begun: Number of examinations that were begun.
     """
 
-    def __init__(self, runs: Path, trial: Path | None = None, *, seed: Any = None, **setting: Any) -> None:
+    def __init__(
+        self,
+        runs: Path,
+        trial: Path | None = None,
+        *,
+        seed: Any = None,
+        tell: Callable[[str], None] = lambda _: None,
+        study: str | None = None,
+        **setting: Any,
+    ) -> None:
         """Begin with the agent of `trial`, or with the best of its task in `runs`.
 
         Args:
             runs: Folder with trials; an agent that is trained here becomes a trial there.
             trial: Folder of a trial.
             seed: Of the episodes; None draws one.
+            tell: Is told in words what is being done, whenever that may take long.
+            study: Name of a study, whose episodes are played in place of others; None for none.
             setting: Attributes of a `Setting`: task, noise, probe, imaging. One that is missing or None is
                 that of the trial; without a trial it is the default, and the task "pp".
 
         Raises:
             ConfigurationError: If a value is not allowed, or the trial's model cannot be used.
         """
-        self._runs = runs
+        self._runs, self._tell = runs, tell
         self._given = None if trial is None else guide_agents.known(trial)
         given = Setting(task="pp") if self._given is None else self._given.setting.scored
         self.setting = _changed(given, GUIDED, setting)
         # Another task may not be possible in a custom anatomy.
         self.tasks = GUIDED if self.setting.anatomy is None else (self.setting.task,)
         self._seeds = np.random.default_rng(None if seed is None else _seed(seed))
-        self.training = QuickTraining(runs)
-        self.agent, self.message, self.hidden = ORACLE, "", False
+        self.training, self.n_begun = QuickTraining(runs), 0
+        self.agent, self.message, self.notice, self.hidden = ORACLE, "", "", False
         self._find()
         if self._given is None:
             self._choose_best()
         else:
             self._opened: Opened | None = guide_agents.open_trial(self._given, self.setting)
             self.agent = self._given.name
-        self.begin()
+        self.study = None if study is None else Study(runs, study, self.setting, self.agent)
+        self._begin()
 
     def begin(self) -> None:
-        """Begin a new episode."""
-        seed = int(self._seeds.integers(2**31))
-        self.examination = Examination(self.setting, seed, self._opened)
+        """Begin a new episode.
+
+        Raises:
+            ConfigurationError: If a study is played whose present episode is not over, or which is finished.
+        """
+        if self.study is not None and self.study.now is None:
+            raise ConfigurationError(self.study.words)
+        if self.study is not None and not self.examination.over:
+            raise ConfigurationError("a study counts every episode: go on with this one to its end.")
+        self._begin()
+
+    def _begin(self) -> None:
+        """Begin an episode: the next of the study, or a new one."""
+        if self.study is None or self.study.now is None:
+            seed, options = int(self._seeds.integers(2**31)), None
+        else:
+            seed, options = self.study.now.episode.seed, self.study.now.episode.options
+        self.examination = Examination(self.setting, seed, self._opened, self._tell, options)
+        self.n_begun += 1
+        if self.study is not None:
+            self._way, self.hidden = self.study.words, True
+            self._shows_advice = self.study.now is not None and self.study.now.advised
+            self.study.begin()
+
+    @property
+    def place(self) -> dict[str, Any]:
+        """What a page shows that is up to date: task, agent, number of the examination and of its step."""
+        return {
+            "task": self.setting.task,
+            "agent": self.agent,
+            "examination": self.n_begun,
+            "step": len(self.examination.actions),
+        }
 
     def act(self, action: Any) -> None:
         """Take an action; ValueError or TypeError if there is no such action, or the episode is over."""
+        advice = self.examination.advice
         self.examination.act(action)
+        if self.study is not None and self.study.now is not None:
+            self.study.saw(advice.best if advice else None, self.examination.actions[-1])
+            if self.examination.over and self._opened is not None:
+                self._tell("recording the episode")
+                self.study.finish(self.examination, self._opened)
 
     def follow(self) -> None:
-        """Take the action that the agent advises; ValueError if nothing is advised."""
+        """Take the action that the agent advises; ValueError if nothing is advised, or a study is played."""
+        self._no_study("the agent's step")
         self.examination.follow()
 
     def train(self) -> None:
@@ -82,6 +135,7 @@ class Session:
         Raises:
             ConfigurationError: If anatomy, probe or imaging is not the default.
         """
+        self._no_study("a training")
         self.training.start(self.setting)
 
     def update(self) -> None:
@@ -97,7 +151,7 @@ class Session:
         self._find()
         if now.folder.name in self._trials and self.agent == ORACLE and now.task == self.setting.task:
             self.choose(agent=now.folder.name)
-            self.message = f"Trained: {self._label()} advises from now on."
+            self.notice = f"Trained: {self._label()} advises from now on."
 
     def choose(
         self, *, task: Any = None, noise: Any = None, agent: Any = None, hidden: bool | None = None
@@ -107,14 +161,18 @@ class Session:
         Raises:
             ConfigurationError: If a value is not allowed.
         """
+        self._no_study("another choice")
         before, chosen = self.setting, _changed(self.setting, self.tasks, {"task": task, "noise": noise})
         names = [ORACLE, *self._trials]
         if agent is not None and agent not in names:
             raise ConfigurationError(str(unknown("agent", agent, names)))
+        if hidden not in (None, True, False):
+            raise ConfigurationError(f"hidden must be true or false, not {hidden!r}.")
         self.hidden = self.hidden if hidden is None else bool(hidden)
         if chosen == before and agent is None:
             return
-        self.message, self.setting = "", chosen
+        self.message, self.notice, self.setting = "", "", chosen
+        self._tell(f"changing to {chosen.task}, noise {chosen.noise:g}")
         if agent is None and chosen.task != before.task:
             self._choose_best()
         else:
@@ -123,7 +181,15 @@ class Session:
         if chosen == before:
             self.examination.ask(self._opened)
         else:
-            self.begin()
+            self._begin()
+
+    def _no_study(self, what: str) -> None:
+        if self.study is not None:
+            raise ConfigurationError(f"{what} is not possible in a study: its episodes are the same for all.")
+
+    def prepare(self) -> bool:
+        """Simulate one of the frames to which the next action may lead; return False if there are all."""
+        return self.examination.prepare()
 
     def close(self) -> None:
         """End a training that runs in the background."""
@@ -134,9 +200,12 @@ class Session:
         untrained = self._untrained()
         training = asdict(self.training.progress) | {"folder": None}
         return {
+            "place": self.place,
             **self._choices(),
             **view.seen(self.examination, hidden=self.hidden),
-            "advice": view.advice(self.examination),
+            "advice": view.advice(self.examination) if self.study is None or self._shows_advice else None,
+            "study": "" if self.study is None else self._way,
+            "ended": self.study is not None and self.study.now is None,
             "training": training | {"offered": bool(untrained) and can_train(self.setting)},
             "untrained": untrained,
         }
@@ -160,6 +229,7 @@ class Session:
             "label": self._label(),
             "exact": self.agent == ORACLE,
             "message": self.message,
+            "notice": self.notice,
             "hidden": self.hidden,
         }
 
@@ -183,6 +253,7 @@ class Session:
 
     def _find(self) -> None:
         """Look for trials: those whose agents can be chosen here, and those that met other images."""
+        self._tell(f"looking for agents in {self._runs}")
         known = guide_agents.find(self._runs)
         fitting = [one for one in known if one.task in self.tasks and not one.differences(self.setting)]
         self._others = [one for one in known if one.differences(self.setting)]
@@ -203,6 +274,7 @@ class Session:
 
     def _open(self) -> None:
         """Open the agent that is chosen, or say why that cannot be."""
+        self._tell(f"opening {self._label()}")
         self._opened = None
         try:
             if self.agent == ORACLE:

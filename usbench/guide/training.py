@@ -1,5 +1,6 @@
 """An agent trained quickly: `usbench run` in a process of its own, so that the page stays quick."""
 
+import contextlib
 import subprocess
 import sys
 from dataclasses import dataclass, replace
@@ -94,15 +95,12 @@ class QuickTraining:
         self.progress = now
 
     def close(self) -> None:
-        """End the training; its records are kept."""
+        """End the training; its records are kept. If that takes long, it ends by itself."""
         if self._process is None:
             return
         self._process.terminate()
-        try:
-            self._process.communicate(timeout=10)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.communicate()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.communicate(timeout=0.5)
         self._process = None
 
 

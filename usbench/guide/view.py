@@ -5,7 +5,7 @@ from dataclasses import asdict
 from typing import Any
 
 from usbench.envs.scene.picture import Probe
-from usbench.guide.controls import controls
+from usbench.guide.controls import controls, name
 from usbench.guide.examination import Examination
 from usbench.watch.film import fixed
 
@@ -29,7 +29,7 @@ def seen(examination: Examination, *, hidden: bool) -> dict[str, Any]:
         "frame": base64.b64encode(frame.tobytes()).decode(),
         "shape": frame.shape,
         "frame_mm": [round(1e3 * size, 3) for size in (imaging.depth, imaging.width)],
-        "phantom": {name: getattr(phantom, name) for name in ("width_mm", "height_mm", "depth_mm")},
+        "phantom": {size: getattr(phantom, size) for size in ("width_mm", "height_mm", "depth_mm")},
         "balls": [[*ball.center_mm, ball.radius_mm] for ball in balls],
         "target": asdict(phantom.target) if known is None and not hidden else None,
         "probe": asdict(Probe.of(examination.setting.probe)),
@@ -39,6 +39,7 @@ def seen(examination: Examination, *, hidden: bool) -> dict[str, Any]:
         "return": fixed(examination.return_) if tells else None,
         "optimum": fixed(examination.optimum[len(examination.actions)]) if tells else None,
         "verdict": verdict(examination),
+        "percent": _percent(examination, examination.return_) if examination.over else "",
     }
 
 
@@ -46,21 +47,24 @@ def happened(examination: Examination) -> str:
     """Return the last action and its slip in words."""
     if not examination.actions:
         return "The probe is at its start."
-    name = examination.guidance.actions[examination.actions[-1]].name
+    done = name(examination.guidance.actions[examination.actions[-1]])
     blocked = ": not possible, the probe is at its limit" if examination.blocked else ""
     slip = f"; then the probe slipped, {examination.slip}" if examination.slip else ""
-    return f"{name.capitalize()}{blocked}{slip}."
+    return f"{done.capitalize()}{blocked}{slip}."
 
 
 def verdict(examination: Examination) -> str:
-    """Return in words how the episode ended; empty before its end."""
+    """Return in words how the episode ended, what follows on `percent`; empty before its end."""
     if not examination.over:
         return ""
-    ours, best = (examination.score(value) for value in (examination.return_, examination.optimum[-1]))
-    return (
-        f"{'Success: the probe is' if examination.at_goal else 'No success: the probe is not'} at the goal. "
-        f"Score {fixed(ours)}, optimum {fixed(best)}."
-    )
+    ended = "Success: the probe is" if examination.at_goal else "No success: the probe is not"
+    slips = f" With the same slips, the optimum has {_percent(examination, examination.optimum[-1])}."
+    return f"of the best from this start. {ended} at the goal.{slips if examination.setting.noise else ''}"
+
+
+def _percent(examination: Examination, return_: float) -> str:
+    """Return a score from this start in per cent: 0 % is a random agent, 100 % the mean optimum."""
+    return f"{100 * examination.score(return_) + 0.0:.0f} %"
 
 
 def advice(examination: Examination) -> dict[str, Any] | None:

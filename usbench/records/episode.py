@@ -1,7 +1,7 @@
 """An episode as a line of a record file."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 from usbench.coordinates import POSE, SETTINGS, TARGET
@@ -11,10 +11,13 @@ def _columns(names: Sequence[str]) -> tuple[str, ...]:
     return tuple(f"{when}_{name}" for when in ("start", "final") for name in names)
 
 
+# What environments may measure of a frame, by the names in their `info`.
+MEASURES = ("contrast_to_noise", "gcnr", "contrast_order")
 # Keys of a line in their order; those of `Evaluation` follow. What an episode does not have is left out.
 COLUMNS = (
     *("episode", "step", "return", *_columns(POSE), "final_distance_mm", "final_sin_angle", "is_success"),
     *("steps_to_goal", "phantom", *TARGET, *_columns(SETTINGS)),
+    *(f"final_{name}" for name in MEASURES),
 )
 
 
@@ -34,6 +37,8 @@ class Episode:
         is_success: Whether the final pose is the goal.
         steps_to_goal: Steps until the goal was first reached, None if it never was.
         phantom: Number of the episode's phantom, where each has its own; only then in files.
+        measures: What the environment measures of the final frame (`final_gcnr`, ..), where it measures
+            anything. In files each has a separate key.
     """
 
     episode: int
@@ -45,13 +50,14 @@ class Episode:
     is_success: bool
     steps_to_goal: int | None
     phantom: int | None = None
+    measures: Mapping[str, float] = field(default_factory=dict)
 
     def as_row(self) -> dict[str, Any]:
         """Return the line of the record file, as a dictionary."""
-        values = {field.name.rstrip("_"): getattr(self, field.name) for field in fields(self)}
+        values = {one.name.rstrip("_"): getattr(self, one.name) for one in fields(self)}
         if self.phantom is None:
             del values["phantom"]
-        values |= values.pop("poses")
+        values |= values.pop("poses") | values.pop("measures")
         later = [name for name in values if name not in COLUMNS]
         return {name: values[name] for name in (*COLUMNS, *later) if name in values}
 

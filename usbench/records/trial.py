@@ -53,7 +53,7 @@ class Trial:
         evaluation_points: Training steps at which the agent is evaluated; `checkpoints` in the file.
         n_evaluation_episodes: Episodes at each of them; `evaluation_episodes` in the file.
         references: Means over the evaluation episodes of the reference policies "random" and "optimal".
-        timings: Seconds by name, `training_s` and `total_s` among them.
+        timings: CPU seconds by name, `training_s` and `total_s` among them; wall time in earlier versions.
         frames: What identifies its frames; None before they are prepared.
         explores: Whether sampled actions of its agent are exploration, once it is finished.
         versions: Versions of Python and of packages, by name.

@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
+from usbench.envs.observation import senses
 from usbench.setting import Setting
 from usbench.trials import model_loading
 
@@ -24,8 +25,9 @@ def greedy(trial: Path) -> npt.NDArray[np.int64]:
     loaded = model_loading.load_agent(trial)
     setting = Setting.recorded(loaded.config)
     env = setting.make_env()
-    seen = np.stack([env.reset(options=asdict(pose))[0] for pose in setting.guidance.states])
+    states = setting.guidance.states
+    seen = senses.batch([env.reset(options=asdict(pose))[0] for pose in states])
     env.close()
-    first = np.ones(len(seen), dtype=bool)
+    first = np.ones(len(states), dtype=bool)
     actions, _ = loaded.agent.predict(seen, episode_start=first, deterministic=True)
     return np.asarray(actions, dtype=np.int64)

@@ -19,7 +19,7 @@ from usbench.report import pictures
 from usbench.report.pictures import Picture
 from usbench.report.poses import Poses, silence
 from usbench.report.tables import Table, percent
-from usbench.results import scores
+from usbench.results.agents import named
 from usbench.results.scores import SCORED
 from usbench.results.tables import Results
 from usbench.setting import Setting
@@ -90,7 +90,7 @@ class Card:
 def shown(known: Results) -> list[Shown]:
     """Return a trial for each task and agent: tasks in order, agents that learn first, best first."""
     last = known.curves[known.curves["kind"] == SCORED].groupby("trial").tail(1)
-    table = scores.agents(known.trials).merge(last[["trial", "normalized_score"]], on="trial")
+    table = named(known.trials).merge(last[["trial", "normalized_score"]], on="trial")
     chosen = []
     for (task, agent), own in table.groupby(["task", "agent"]):
         noise = own["noise"].min()

@@ -45,13 +45,18 @@ def write(runs: Path, out: Path, tell: Tell = lambda _: None) -> Path:
     """
     out = check(runs, out)
     tell("reading the records")
-    known = sources.gather([runs])
+    damaged: list[str] = []
+    known = sources.gather([runs], damaged.append)
+    for sentence in damaged:
+        tell(f"left out: {sentence}")
     if known.trials.empty:
-        raise ConfigurationError(f"no trial in {str(runs)!r} has begun.")
+        raise ConfigurationError(damaged[0] if damaged else f"no trial in {str(runs)!r} has begun.")
     if (runs / records.TRIAL).is_file():
         runs = runs.resolve().parent
     tell("drawing the comparison")
-    content = _comparison(known) | _recorded(runs, known) | _seen(runs, known, tell)
+    # Not where this reader keeps the trials.
+    content: dict[str, Any] = {"damaged": [told.replace(f"{runs.resolve()}/", "") for told in damaged]}
+    content |= _comparison(known) | _recorded(runs, known) | _seen(runs, known, tell)
     with atomic_file(out) as file:
         file.write(_page(content).encode())
     return out
@@ -88,6 +93,7 @@ def _recorded(runs: Path, known: Results) -> dict[str, Any]:
     """Return the tables that need more than the results."""
     return {
         "endings": tables.endings(runs, known),
+        "studies": tables.studied(runs),
         "settings": tables.settings(known),
         "environments": tables.environments(runs, known),
         "trials": tables.trials(known),

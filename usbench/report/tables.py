@@ -11,7 +11,8 @@ import pandas as pd
 from usbench import suite
 from usbench.figures import episode_ends
 from usbench.records import Trial
-from usbench.results import scores
+from usbench.results import scores, studies
+from usbench.results.agents import named
 from usbench.results.scores import SCORED
 from usbench.results.tables import Results
 
@@ -37,12 +38,18 @@ class Table:
     words: int = 1
 
 
+def studied(runs: Path) -> Table | None:
+    """Return how people did, alone and with advice, beside agent and optimum; None if there is no study."""
+    known = studies.gather(runs)
+    return None if known.empty else Table(studies.READING, studies.HEAD, studies.texts(known), words=4)
+
+
 def endings(runs: Path, known: Results) -> list[Table]:
     """Return how the episodes of finished trials end, a table for each task."""
     finished = known.trials.loc[known.trials["status"] == "finished", "trial"]
     if finished.empty:
         return []
-    agents = scores.agents(known.trials).set_index("trial")["agent"]
+    agents = named(known.trials).set_index("trial")["agent"]
     ends = [_last(Trial.read(runs / name), agents[name]) for name in finished]
     shares = episode_ends.shares(pd.concat(ends))
     tables = []
@@ -71,7 +78,7 @@ def _last(trial: Trial, agent: str) -> pd.DataFrame:
 
 def settings(known: Results) -> Table:
     """Return the hyperparameters of every agent that learns."""
-    learning = scores.agents(known.trials[known.trials["steps"] > 0])
+    learning = named(known.trials[known.trials["steps"] > 0])
     rows = [
         [agent, ", ".join(sorted(set(own["task"]))), str(steps), _words(json.loads(text))]
         for (agent, steps, text), own in learning.groupby(["agent", "steps", "settings"])

@@ -10,6 +10,7 @@ from usbench import records, tasks
 from usbench.anchors import Anchors
 from usbench.atomic import atomic_file
 from usbench.results import scores
+from usbench.results.agents import named
 from usbench.results.scores import SCORED
 from usbench.results.tables import DECIMALS, Results
 
@@ -60,7 +61,7 @@ def table(known: Results, tested: pd.DataFrame) -> pd.DataFrame:
     on the same unseen ones; and `gap`, `many` less `one`. NaN where nothing was tested.
     """
     last = known.curves[known.curves["kind"] == SCORED].groupby("trial").tail(1)
-    own = scores.agents(known.trials[known.trials["steps"] > 0])
+    own = named(known.trials[known.trials["steps"] > 0])
     own = own.merge(last[["trial", "normalized_score"]], on="trial")
     elsewhere = own.drop(columns=["task", "normalized_score"]).merge(tested, on="trial")
     parts = {

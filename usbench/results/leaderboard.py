@@ -10,7 +10,8 @@ import pandas as pd
 from usbench.anchors import Anchors
 from usbench.atomic import atomic_file
 from usbench.records import ConfigurationError
-from usbench.results import held_out, provenance, scores, stats, tables, verdict
+from usbench.results import held_out, provenance, scores, stats, studies, tables, verdict
+from usbench.results.agents import named
 from usbench.results.scores import CELL, ROW, SCORED, Cell
 from usbench.results.tables import SAMPLED, Results
 from usbench.tasks import row_of
@@ -75,15 +76,18 @@ def write(folder: Path, path: Path) -> list[Path]:
     known = tables.read(folder)
     path.parent.mkdir(parents=True, exist_ok=True)
     table = scores.cells(known).round(tables.DECIMALS).to_csv(index=False, lineterminator="\n")
-    written = {path: markdown(known, held_out.read(folder)), path.with_name(SCORES): table}
+    written = {
+        path: markdown(known, held_out.read(folder), studies.read(folder)),
+        path.with_name(SCORES): table,
+    }
     for name, text in written.items():
         with atomic_file(name) as file:
             file.write(text.encode())
     return list(written)
 
 
-def markdown(known: Results, tested: pd.DataFrame | None = None) -> str:
-    """Return the leaderboard as Markdown; `tested` is what `held_out.read` returns."""
+def markdown(known: Results, tested: pd.DataFrame | None = None, studied: pd.DataFrame | None = None) -> str:
+    """Return the leaderboard as Markdown; `tested` and `studied` are what `held_out` and `studies` read."""
     parts, notes = ["# Leaderboard", verdict.text(known), READING], []
     for name, own in scores.parts(known).items():
         matrices, reasons = scores.matrices(own)
@@ -93,13 +97,17 @@ def markdown(known: Results, tested: pd.DataFrame | None = None) -> str:
         if len(learners) > 1:
             where = "" if name == scores.ALL else f": {name}"
             parts += [f"## Probability of improvement{where}", _improvement(learners)]
-        notes += [f"`{algo}` is not in the table of {name}: {why}." for algo, why in sorted(reasons.items())]
+        notes += [
+            f"`{agent}` is not in the table of {name}: {why}." for agent, why in sorted(reasons.items())
+        ]
     trials_of = dict(iter(known.trials.groupby(CELL)))
     for cell, rows in scores.cells(known).groupby(CELL):
         parts += [f"## {Cell(*cell).name}", _anchors(trials_of[cell]), _cell(rows)]
     unseen = pd.DataFrame() if tested is None else held_out.table(known, tested)
     if not unseen.empty:
         parts += ["## Phantoms never seen", _unseen(unseen)]
+    if studied is not None and not studied.empty:
+        parts += ["## People", studies.READING, _studies(studied)]
     parts += ["## How this was made", provenance.making(known.trials)]
     notes += provenance.notes(known.trials)
     if notes:
@@ -107,15 +115,20 @@ def markdown(known: Results, tested: pd.DataFrame | None = None) -> str:
     return "\n\n".join(parts) + "\n"
 
 
+def _studies(studied: pd.DataFrame) -> str:
+    rows = [studies.HEAD, ["---"] * 4 + ["---:"] * (len(studies.HEAD) - 4), *studies.texts(studied)]
+    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
+
+
 def _overall(trials: pd.DataFrame, matrices: Mapping[str, stats.Array]) -> str:
     """Return the table of all cells together: those that learn first, then reference policies, best first."""
     table = scores.overall(matrices)
-    fixed = table["algo"].map(trials.groupby("algo")["steps"].max()) == 0
+    fixed = table["agent"].map(named(trials).groupby("agent")["steps"].max()) == 0
     asked = np.where(fixed, table["seeds"], scores.seeds_asked(trials))
     table = table.assign(fixed=fixed, asked=asked).sort_values("fixed", kind="stable")
     rows = [
         [
-            _agent(row.algo, not row.fixed),
+            _agent(row.agent, not row.fixed),
             f"{row.seeds}/{row.asked}",
             _interval(row.score, row.score_low, row.score_high),
             *(_number(value, 3) for value in (row.median, row.mean, row.optimality_gap)),
@@ -131,7 +144,7 @@ def _overall(trials: pd.DataFrame, matrices: Mapping[str, stats.Array]) -> str:
 
 def _improvement(matrices: Mapping[str, stats.Array]) -> str:
     """Return the matrix of probabilities that a row's agent beats a column's."""
-    pairs = scores.improvement(matrices).set_index(["algo", "other"])
+    pairs = scores.improvement(matrices).set_index(["agent", "other"])
     rows = []
     for algo in matrices:
         cells = []
@@ -168,15 +181,14 @@ def _cell(rows: pd.DataFrame) -> str:
     """Return the table of one task and noise: those that learn first, then reference policies, best first."""
     sampled = rows[rows["actions"] == SAMPLED].set_index(ROW)
     table = rows[rows["actions"] == SCORED]
-    table = table.assign(fixed=table["steps"] == 0, variant=table["algo"].duplicated(keep=False))
-    table = table.sort_values(["fixed", "score", "algo"], ascending=[True, False, True], kind="stable")
+    table = table.assign(fixed=table["steps"] == 0)
+    table = table.sort_values(["fixed", "score", "agent"], ascending=[True, False, True], kind="stable")
     lines = []
     for row in table.to_dict("records"):
         other = sampled.loc[tuple(row[name] for name in ROW)]
         lines.append(
             [
-                _agent(row["algo"], not row["fixed"])
-                + (f" `{row['configuration']}`" if row["variant"] else ""),
+                _agent(row["agent"], not row["fixed"]),
                 f"{row['seeds']}/{row['seeds_asked']}",
                 _interval(row["score"], row["score_low"], row["score_high"]),
                 _interval(other["score"], other["score_low"], other["score_high"]),

@@ -5,6 +5,8 @@ from collections import defaultdict
 
 import pandas as pd
 
+from usbench import seed_pools
+from usbench.results.agents import named
 from usbench.results.scores import CELL, Cell, cells_of, environments
 from usbench.tasks import row_of
 
@@ -45,7 +47,11 @@ def commands(trials: pd.DataFrame) -> list[str]:
     tasks_of: dict[tuple[str, str], list[str]] = defaultdict(list)
     for (algo, task), own in learning.groupby(["algo", "task"]):
         seeds, noises, steps = (sorted(set(own[name])) for name in ("seed", "noise", "steps"))
-        if seeds != list(range(len(seeds))) or len(own) != len(seeds) * len(noises) * len(steps):
+        # Comparisons of earlier versions count their seeds from 0.
+        first = seeds[0] if seeds[0] == seed_pools.own().comparison.first else 0
+        if seeds != list(range(first, first + len(seeds))) or len(own) != len(seeds) * len(noises) * len(
+            steps
+        ):
             return []
         options = f"--noise {' '.join(f'{noise:g}' for noise in noises)} --seeds {len(seeds)}"
         if steps != [row_of(task).steps]:
@@ -71,6 +77,7 @@ def notes(trials: pd.DataFrame) -> list[str]:
         *_environments(trials),
         *_budgets(trials),
         *_seeds(trials),
+        *_pools(trials),
         *_versions(finished),
         *_frames(finished),
     ]
@@ -91,8 +98,8 @@ def _unfinished(trials: pd.DataFrame) -> list[str]:
 def _configurations(trials: pd.DataFrame) -> list[str]:
     """Tell apart the configurations of one cell by the settings in which they differ."""
     found = []
-    for (*cell, algo), rows in trials.groupby([*CELL, "algo"]):
-        variants = rows.drop_duplicates("configuration").set_index("configuration")
+    for (*cell, algo), rows in named(trials).groupby([*CELL, "algo"]):
+        variants = rows.drop_duplicates("configuration").set_index("agent")
         if len(variants) == 1:
             continue
         settings = pd.DataFrame(
@@ -113,8 +120,8 @@ def _configurations(trials: pd.DataFrame) -> list[str]:
 
 def _budgets(trials: pd.DataFrame) -> list[str]:
     found = []
-    for task, own in trials[trials["steps"] > 0].groupby("task"):
-        budgets = own.groupby("steps")["algo"].unique()
+    for task, own in named(trials[trials["steps"] > 0]).groupby("task"):
+        budgets = own.groupby("steps")["agent"].unique()
         if len(budgets) > 1:
             each = [f"{steps} steps for {', '.join(sorted(algos))}" for steps, algos in budgets.items()]
             found.append(f"Training budgets on {task} differ: {'; '.join(each)}.")
@@ -136,14 +143,22 @@ def _environments(trials: pd.DataFrame) -> list[str]:
 
 def _seeds(trials: pd.DataFrame) -> list[str]:
     cells = defaultdict(list)
-    for cell, rows in trials[trials["steps"] > 0].groupby(CELL):
-        algos = defaultdict(list)
-        for algo, seeds in rows.groupby("algo")["seed"]:
-            algos[" ".join(map(str, sorted(set(seeds))))].append(algo)
-        if len(algos) > 1:
-            each = [f"{seeds} for {', '.join(names)}" for seeds, names in sorted(algos.items())]
+    for cell, rows in named(trials[trials["steps"] > 0]).groupby(CELL):
+        agents = defaultdict(list)
+        for agent, seeds in rows.groupby("agent")["seed"]:
+            agents[" ".join(map(str, sorted(set(seeds))))].append(agent)
+        if len(agents) > 1:
+            each = [f"{seeds} for {', '.join(names)}" for seeds, names in sorted(agents.items())]
             cells["; ".join(each)].append(Cell(*cell).name)
     return [f"Seeds differ on {' / '.join(names)}: {each}." for each, names in cells.items()]
+
+
+def _pools(trials: pd.DataFrame) -> list[str]:
+    pool = seed_pools.own().comparison
+    others = sorted({seed for seed in trials.loc[trials["steps"] > 0, "seed"] if seed not in pool})
+    if not others:
+        return []
+    return [f"These seeds are not kept for comparisons, as {pool} are: {', '.join(map(str, others))}."]
 
 
 def _versions(finished: pd.DataFrame) -> list[str]:

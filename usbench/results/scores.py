@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 
 from usbench.results import stats
+from usbench.results.agents import named
 from usbench.results.tables import EXPLORATION, GREEDY, MEANS, SAMPLED, TRAINING, Results
 from usbench.tasks import PAPER
 
@@ -33,7 +34,7 @@ class Cell(NamedTuple):
 
 
 CELL = list(Cell._fields)
-ROW = [*CELL, "algo", "configuration"]
+ROW = [*CELL, "algo", "configuration", "agent"]
 # What cells are averaged over together.
 ALL, PAPERS, OTHERS = "all cells", "the paper's tasks", "the other tasks"
 # Every interval draws from a fresh generator: a row does not change when another one is added.
@@ -85,7 +86,7 @@ def cells(results: Results) -> pd.DataFrame:
     curves = results.curves[results.curves["kind"] != TRAINING]
     curves = curves.merge(results.trials[["trial", "training_s"]], on="trial")
     rows = []
-    for row, trials in results.trials.groupby(ROW):
+    for row, trials in named(results.trials).groupby(ROW):
         for kind in (GREEDY, SAMPLED):
             own = curves[curves["trial"].isin(trials["trial"]) & (curves["kind"] == kind)]
             if kind == SAMPLED and value_based(trials).any():
@@ -100,18 +101,17 @@ def cells(results: Results) -> pd.DataFrame:
 
 
 def matrices(results: Results, kind: str = SCORED) -> tuple[dict[str, stats.Array], dict[str, str]]:
-    """Return the final scores `(n_seeds, n_cells)` of the algorithms, and why others have none.
+    """Return the final scores `(n_seeds, n_cells)` of the agents, and why others have none.
 
-    Cells are those of algorithms that learn, in order. An algorithm needs one configuration in each of them,
-    and its seeds are those that are finished in all of them. There are none where the trials of a cell are
-    from different environments.
+    Cells are those of agents that learn, in order. The seeds of an agent are those that are finished in all
+    of them. There are none where the trials of a cell are from different environments.
     """
-    trials = results.trials
+    trials = named(results.trials)
     several = environments(trials).groupby([trials[name] for name in CELL]).nunique()
     if (several > 1).any():
         where = Cell(*several[several > 1].index[0])
         return {}, {
-            algo: f"trials of {where.name} are from different environments" for algo in set(trials["algo"])
+            agent: f"trials of {where.name} are from different environments" for agent in set(trials["agent"])
         }
     learning = trials[trials["steps"] > 0]
     wanted = cells_of(learning if len(learning) else trials)
@@ -119,65 +119,61 @@ def matrices(results: Results, kind: str = SCORED) -> tuple[dict[str, stats.Arra
     final = trials.merge(final[["trial", "normalized_score"]], on="trial")
     found: dict[str, stats.Array] = {}
     reasons: dict[str, str] = {}
-    for algo, own in trials.groupby("algo"):
-        mixed = own.groupby(CELL)["configuration"].nunique()
-        table = final[final["algo"] == algo]
-        if (mixed > 1).any():
-            reasons[algo] = f"more than one configuration in {Cell(*mixed[mixed > 1].index[0]).name}"
-            continue
-        table = table.pivot(index="seed", columns=CELL, values="normalized_score")
+    for agent in sorted(set(trials["agent"])):
+        table = final[final["agent"] == agent].pivot(index="seed", columns=CELL, values="normalized_score")
         table = table.reindex(columns=pd.MultiIndex.from_tuples(wanted, names=CELL))
         empty = [cell for cell in wanted if table[cell].isna().all()]
         table = table.dropna()
         if empty:
-            reasons[algo] = f"no finished trial in {', '.join(cell.name for cell in empty)}"
+            reasons[agent] = f"no finished trial in {', '.join(cell.name for cell in empty)}"
         elif table.empty:
-            reasons[algo] = "no seed is finished in every cell"
+            reasons[agent] = "no seed is finished in every cell"
         else:
-            found[algo] = table.to_numpy(np.float64)
+            found[agent] = table.to_numpy(np.float64)
     return found, reasons
 
 
 def learners(results: Results) -> dict[str, stats.Array]:
-    """Return the matrices of the algorithms that learn."""
-    learning = set(results.trials.loc[results.trials["steps"] > 0, "algo"])
-    return {algo: matrix for algo, matrix in matrices(results)[0].items() if algo in learning}
+    """Return the matrices of the agents that learn."""
+    trials = named(results.trials)
+    learning = set(trials.loc[trials["steps"] > 0, "agent"])
+    return {agent: matrix for agent, matrix in matrices(results)[0].items() if agent in learning}
 
 
 def overall(scores: Mapping[str, stats.Array]) -> pd.DataFrame:
-    """Return a row per algorithm: `seeds`, `score` (IQM) with its interval, and other metrics; best first."""
+    """Return a row per agent: `seeds`, `score` (IQM) with its interval, and other metrics; best first."""
     rows = [
         {
-            "algo": algo,
+            "agent": agent,
             "seeds": len(matrix),
             **score_of(matrix),
             "median": float(stats.median(matrix)),
             "mean": float(stats.mean(matrix)),
             "optimality_gap": float(stats.optimality_gap(matrix)),
         }
-        for algo, matrix in scores.items()
+        for agent, matrix in scores.items()
     ]
-    columns = ["algo", "seeds", *_NO_SCORE, "median", "mean", "optimality_gap"]
+    columns = ["agent", "seeds", *_NO_SCORE, "median", "mean", "optimality_gap"]
     table = pd.DataFrame(rows, columns=columns)
-    return table.sort_values(["score", "algo"], ascending=[False, True], ignore_index=True)
+    return table.sort_values(["score", "agent"], ascending=[False, True], ignore_index=True)
 
 
 def improvement(scores: Mapping[str, stats.Array]) -> pd.DataFrame:
-    """Return a row per ordered pair: `probability` that `algo` beats `other` in a cell, `low`, `high`."""
+    """Return a row per ordered pair: `probability` that `agent` beats `other` in a cell, `low`, `high`."""
     rows = []
-    for algo, other in combinations(scores, 2):
+    for agent, other in combinations(scores, 2):
         interval = stats.stratified_bootstrap(
             stats.probability_of_improvement,
-            scores[algo],
+            scores[agent],
             scores[other],
             generator=np.random.default_rng(BOOTSTRAP_SEED),
         )
-        alone = min(len(scores[algo]), len(scores[other])) == 1
+        alone = min(len(scores[agent]), len(scores[other])) == 1
         low, high = (np.nan, np.nan) if alone else (float(interval.low), float(interval.high))
-        rows.append((algo, other, float(interval.estimate), low, high))
+        rows.append((agent, other, float(interval.estimate), low, high))
         # The same samples: what is sure one way round is sure the other.
-        rows.append((other, algo, 1 - float(interval.estimate), 1 - high, 1 - low))
-    return pd.DataFrame(rows, columns=["algo", "other", "probability", "low", "high"])
+        rows.append((other, agent, 1 - float(interval.estimate), 1 - high, 1 - low))
+    return pd.DataFrame(rows, columns=["agent", "other", "probability", "low", "high"])
 
 
 def learning_curves(results: Results, kind: str = SCORED) -> pd.DataFrame:
@@ -185,7 +181,7 @@ def learning_curves(results: Results, kind: str = SCORED) -> pd.DataFrame:
 
     Trainings only: an agent that does not learn has no curve.
     """
-    table = results.curves[results.curves["kind"] == kind].merge(agents(results.trials), on="trial")
+    table = results.curves[results.curves["kind"] == kind].merge(named(results.trials), on="trial")
     keys = [*CELL, "agent", "step"]
     rows = []
     for row, own in table[table["steps"] > 0].groupby(keys):
@@ -194,16 +190,10 @@ def learning_curves(results: Results, kind: str = SCORED) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=[*keys, *_NO_SCORE])
 
 
-def agents(trials: pd.DataFrame) -> pd.DataFrame:
-    """Return the trials with a column `agent`: the algorithm, and its configuration if a cell has several."""
-    several = trials.groupby([*CELL, "algo"])["configuration"].transform("nunique") > 1
-    names = trials["algo"].where(~several, trials["algo"] + " " + trials["configuration"])
-    return trials.assign(agent=names)
-
-
 def seeds_asked(trials: pd.DataFrame) -> int:
-    """Return how many seeds the learning algorithms were to have, from all of these trials."""
-    return int(trials.loc[trials["steps"] > 0, "seed"].nunique())
+    """Return how many seeds the learning algorithms were to have, from all trials of their own rows."""
+    own = named(trials)
+    return int(own.loc[(own["steps"] > 0) & (own["agent"] == own["algo"]), "seed"].nunique())
 
 
 def _numbers(curves: pd.DataFrame, last: pd.DataFrame) -> dict[str, float]:

@@ -1,6 +1,6 @@
 """Results from several sources at once: folders of trials, single trials, folders of tables."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pandas as pd
@@ -11,11 +11,12 @@ from usbench.results import tables
 from usbench.results.tables import Results
 
 
-def gather(paths: Sequence[Path]) -> Results:
+def gather(paths: Sequence[Path], damaged: Callable[[str], None] | None = None) -> Results:
     """Return the results of all trials in `paths`, each once.
 
     Args:
         paths: Folders of trials, single trials, or folders of tables that `tables.write` wrote.
+        damaged: Told of each trial whose record is broken, which is then left out; without it, an error.
 
     Raises:
         ConfigurationError: If one of `paths` is no folder, or records in it are broken.
@@ -32,7 +33,7 @@ def gather(paths: Sequence[Path]) -> Results:
                     names.add(path.name)
             else:
                 chosen[path] = None
-        found += [_only(tables.collect(folder), names) for folder, names in chosen.items()]
+        found += [_only(tables.collect(folder, damaged=damaged), names) for folder, names in chosen.items()]
     except (FileNotFoundError, ValueError) as error:
         raise ConfigurationError(str(error)) from error
     trials = pd.concat([results.trials for results in found], ignore_index=True)

@@ -8,7 +8,7 @@ many steps the agent had learned from by then: whole rollouts. Both open with `p
 
 import hashlib
 import json
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -81,13 +81,17 @@ class Results:
         return Results(trials, self.curves[self.curves["trial"].isin(trials["trial"])])
 
 
-def collect(runs: Path, planned: Collection[TrialConfig] = ()) -> Results:
+def collect(
+    runs: Path, planned: Collection[TrialConfig] = (), damaged: Callable[[str], None] | None = None
+) -> Results:
     """Read the trials in the folder `runs`.
 
     Args:
         runs: Folder of trial folders.
         planned: The trials that were asked for: only these count, and those without a record are rows of
             status "missing". Without it, every trial in the folder counts.
+        damaged: Told, in a sentence, of each trial whose record is broken, which is then left out. Without
+            it, such a trial is an error.
 
     Raises:
         FileNotFoundError: If there is no such folder.
@@ -95,53 +99,38 @@ def collect(runs: Path, planned: Collection[TrialConfig] = ()) -> Results:
     """
     if not runs.is_dir():
         raise FileNotFoundError(f"there is no folder {str(runs)!r} with trials.")
-    if planned:
-        found = [(config, Trial.find(runs / config.folder_name)) for config in _once(planned)]
-    else:
-        found = [(trial.config, trial) for trial in records.load_trials(runs)]
-    trials = pd.DataFrame([_row(config, trial) for config, trial in found], columns=list(TRIAL_COLUMNS))
+    places: list[tuple[TrialConfig | None, Path]] = [(own, runs / own.folder_name) for own in _once(planned)]
+    rows, finished, curves = [], {}, {}
+    for config, folder in places or [(None, folder) for folder in records.trial_folders(runs)]:
+        try:
+            trial = Trial.find(folder)
+        except ValueError as error:
+            if damaged is None:
+                raise
+            damaged(str(error))
+            continue
+        if known := config or (trial and trial.config):
+            rows.append(_row(known, trial))
+        if trial and trial.status == "finished":
+            finished[trial.name] = trial
+    trials = pd.DataFrame(rows, columns=list(TRIAL_COLUMNS))
     twice = trials[trials.duplicated(["configuration", "seed"], keep=False)]
     if not twice.empty:
         raise ValueError(f"{' and '.join(twice['trial'].head(2))} are the same trial: remove one of them.")
     trials = trials.sort_values(ORDER, ignore_index=True)
-    finished = {trial.name: trial for _, trial in found if trial and trial.status == "finished"}
-    curves = [_curves(finished[name]) for name in trials["trial"] if name in finished]
+    for name in [name for name in trials["trial"] if name in finished]:
+        try:
+            curves[name] = _curves(finished[name])
+        except ValueError as error:
+            if damaged is None:
+                raise
+            damaged(str(error))
+            trials = trials[trials["trial"] != name]
+    found = list(curves.values())
     return Results(
         _typed(trials, TRIAL_COLUMNS),
-        _typed(pd.concat(curves) if curves else pd.DataFrame(columns=list(CURVE_COLUMNS)), CURVE_COLUMNS),
+        _typed(pd.concat(found) if found else pd.DataFrame(columns=list(CURVE_COLUMNS)), CURVE_COLUMNS),
     )
-
-
-def joined(known: Results, added: Results) -> Results:
-    """Return the trials of both; of one that both have the `added` one, if it is finished."""
-    kept = _others(known, added.trials[added.trials["status"] == "finished"])
-    new = _others(added, kept.trials)
-    trials = pd.concat([kept.trials, new.trials]).sort_values(ORDER, ignore_index=True)
-    place = {name: number for number, name in enumerate(trials["trial"])}
-    curves = pd.concat([kept.curves, new.curves])
-    curves = curves.sort_values("trial", key=lambda names: names.map(place), kind="stable", ignore_index=True)
-    return Results(trials, curves)
-
-
-def repeated(known: Results, added: Results) -> tuple[list[str], list[str]]:
-    """Return the finished trials of both, by name: those with the same numbers, and those with others."""
-    both = known.trials.merge(added.trials, on=[*ORDER, "status"], suffixes=("", "_added"))
-    both = both[both["status"] == "finished"]
-    same: list[str] = []
-    other: list[str] = []
-    for name, name_added in both[["trial", "trial_added"]].itertuples(index=False, name=None):
-        one, two = (
-            table[table["trial"] == trial].drop(columns="trial").reset_index(drop=True)
-            for table, trial in ((known.curves, name), (added.curves, name_added))
-        )
-        (same if one.equals(two) else other).append(name)
-    return same, other
-
-
-def _others(known: Results, trials: pd.DataFrame) -> Results:
-    """Return the results of all trials but `trials`."""
-    own, left_out = (pd.MultiIndex.from_frame(table[ORDER]) for table in (known.trials, trials))
-    return known.of(known.trials[~own.isin(left_out)])
 
 
 def write(results: Results, folder: Path) -> list[Path]:

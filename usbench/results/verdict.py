@@ -32,7 +32,7 @@ def text(known: Results) -> str:
         matrices = {algo: matrix for algo, matrix in matrices.items() if algo not in alone}
     else:
         alone = []
-    table = scores.overall(matrices).set_index("algo")
+    table = scores.overall(matrices).set_index("agent")
     n_cells = next(iter(matrices.values())).shape[1]
     first = _best(table, n_cells)
     second = _against_the_papers_own(table, scores.improvement(matrices))
@@ -81,7 +81,7 @@ def _against_the_papers_own(table: pd.DataFrame, improvement: pd.DataFrame) -> s
         )
         if algos
     ]
-    pair = improvement[(improvement["algo"] == others.index[0]) & (improvement["other"] == PAPERS_OWN)].iloc[
+    pair = improvement[(improvement["agent"] == others.index[0]) & (improvement["other"] == PAPERS_OWN)].iloc[
         0
     ]
     interval = "" if pd.isna(pair["low"]) else f" [{pair['low']:.2f}, {pair['high']:.2f}]"

@@ -26,7 +26,7 @@ class Progress(Protocol):
         """Training is at `step` of `steps`; mean return and normalised score of the last episodes."""
 
     def evaluated(self, step: int, mean_return: float, score: float) -> None:
-        """The agent was evaluated at `step`; mean return and score of its sampled actions."""
+        """The agent was evaluated at `step`; mean return and score of its greedy actions."""
 
     def stopping(self) -> None:
         """Somebody has asked for the end, which comes before the next rollout."""
@@ -58,7 +58,7 @@ class TrainingWatch(BaseCallback):
     """SB3 callback that follows one trial; `on_episode` is for the recorder around its environment.
 
     Attributes:
-        seconds: Time that evaluations took so far.
+        seconds: CPU time of the evaluations so far.
     """
 
     def __init__(
@@ -129,7 +129,7 @@ class TrainingWatch(BaseCallback):
             return
         self._due = self._due[len(reached) :]
         logged = self._steps > 0 and hasattr(agent, "logger")
-        start = time.perf_counter()
+        start = time.process_time()
         rows = []
         for deterministic in (False, True):
             played = self._evaluator.play(
@@ -141,14 +141,14 @@ class TrainingWatch(BaseCallback):
                 mode = "deterministic" if deterministic else "stochastic"
                 agent.logger.record(f"evaluation/return_{mode}", mean)
                 agent.logger.record(f"evaluation/normalized_score_{mode}", self._score(mean))
-            if not deterministic:
+            if deterministic:
                 self._progress.evaluated(step, mean, self._score(mean))
         if logged and isinstance(agent, BaseAlgorithm):
             tensorboard.evaluated(agent, played)
         if logged:
             agent.logger.dump(step)
         self._evaluations.append(rows)
-        self.seconds += time.perf_counter() - start
+        self.seconds += time.process_time() - start
 
     def _on_training_start(self) -> None:
         tensorboard.begin(self.logger)

@@ -13,7 +13,9 @@ import torch
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 from usbench.coordinates import BY_NAME, TARGET
+from usbench.envs.observation import senses
 from usbench.records import Evaluation
+from usbench.records.episode import MEASURES
 from usbench.setting import Setting
 
 # Seed of sampled actions in evaluations; the seeds of the episodes come from the suite.
@@ -90,6 +92,7 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
                     "return_": self._return,
                     "poses": self._poses | {f"final_{key}": int(info[key]) for key in self._pose_keys},
                     "phantom": self._phantom,
+                    "measures": {f"final_{name}": float(info[name]) for name in MEASURES if name in info},
                     "final_distance_mm": float(info["distance_mm"]),
                     "final_sin_angle": float(info["sin_angle"]),
                     "is_success": bool(info["is_success"]),
@@ -145,7 +148,7 @@ class Evaluator:
         state, first, step = None, np.ones(len(self._envs), dtype=bool), 0
         # The batch stays whole: what is advised for an episode that its agent has ended is not done.
         while len(self._facts) < len(self._envs):
-            seen = [{**info, "step": step} for info in infos] if sees_state else np.stack(observations)
+            seen = [{**info, "step": step} for info in infos] if sees_state else senses.batch(observations)
             actions, state = _act(agent, seen, state, first, deterministic)
             for k, env in enumerate(self._envs):
                 if k in self._facts:

@@ -15,6 +15,7 @@ from stable_baselines3.common.logger import Logger, configure
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from usbench.agents import model_state, zoo
+from usbench.envs.observation import senses
 from usbench.records import EPISODES, EVALUATIONS, Trial, checksums
 from usbench.records.journal import Journal
 from usbench.setting import Setting
@@ -83,11 +84,10 @@ class Learning:
         )
         self._recorder = Recorder(setting.make_env(), self.watch.on_episode)
         vec_env = DummyVecEnv([lambda: self._recorder])
-        env_seed, agent_seed, _ = np.random.SeedSequence(config.seed).spawn(3)
-        seed = int(agent_seed.generate_state(1)[0])
-        self.agent = make_agent(setting, config.algo, vec_env, seed, config.hyperparameters)
+        env_seed, agent_seed = seeds_of(config.seed, config.algo)
+        self.agent = make_agent(setting, config.algo, vec_env, agent_seed, config.hyperparameters)
         # After the agent was made: SB3 hands its own seed to the environment there.
-        vec_env.seed(int(env_seed.generate_state(1)[0]))
+        vec_env.seed(env_seed)
         # What must be the same for the bits to be the same.
         self._made_by = {
             "versions": dict(trial.versions),
@@ -113,7 +113,7 @@ class Learning:
         observation = self._recorder.put_back(content["environment"])
         # Where the budget cut a rollout off, the agent has not kept the last observation, nor needs it.
         learns_on = self.agent.num_timesteps < self._config.steps
-        if learns_on and not np.array_equal(observation[np.newaxis], self.agent._last_obs):
+        if learns_on and not senses.equal(senses.batch([observation]), self.agent._last_obs):
             raise ValueError("it was made with other frames.")
         self.watch.put_back(content["watch"])
         self._generators = content["generators"]
@@ -182,6 +182,17 @@ class Learning:
             self._resume_files = None
             return
         resume_files.write(self.agent.num_timesteps, content)
+
+
+def seeds_of(trial_seed: int, algo: str) -> tuple[int, int]:
+    """Return the seeds of the environment, which all algorithms share, and of the agent.
+
+    The agent's seed also depends on the algorithm's name: two algorithms of one trial seed begin with
+    networks that are independent of each other, and meet the same starts and the same noise.
+    """
+    of_env, of_agent, _ = np.random.SeedSequence(trial_seed).spawn(3)
+    of_agent = np.random.SeedSequence(trial_seed, spawn_key=(*of_agent.spawn_key, *algo.encode()))
+    return int(of_env.generate_state(1)[0]), int(of_agent.generate_state(1)[0])
 
 
 @contextlib.contextmanager

@@ -1,4 +1,7 @@
-"""How long the parts of a trial take, also over several starts."""
+"""CPU time that the parts of a trial take, also over several starts.
+
+Wall time would tell who else uses the machine.
+"""
 
 import contextlib
 import time
@@ -6,7 +9,7 @@ from collections.abc import Iterator, Mapping
 
 
 class Stopwatch:
-    """Seconds by name; what runs now counts up to now."""
+    """CPU seconds of this process by name; what runs now counts up to now."""
 
     def __init__(self) -> None:
         """Start with no seconds of anything."""
@@ -15,12 +18,12 @@ class Stopwatch:
 
     @contextlib.contextmanager
     def timed(self, name: str) -> Iterator[None]:
-        """Add the seconds that pass to `name`."""
-        self._since[name] = time.perf_counter()
+        """Add the CPU seconds that are used to `name`."""
+        self._since[name] = time.process_time()
         try:
             yield
         finally:
-            self.add({name: time.perf_counter() - self._since.pop(name)})
+            self.add({name: time.process_time() - self._since.pop(name)})
 
     def add(self, seconds: Mapping[str, float]) -> None:
         """Add seconds that were counted elsewhere."""
@@ -29,7 +32,7 @@ class Stopwatch:
 
     def seconds(self) -> dict[str, float]:
         """Return the seconds so far."""
-        now = time.perf_counter()
+        now = time.process_time()
         running = {name: now - since for name, since in self._since.items()}
         return {
             name: self._seconds.get(name, 0.0) + running.get(name, 0.0) for name in self._seconds | running

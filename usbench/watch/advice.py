@@ -10,6 +10,7 @@ from stable_baselines3.common.policies import ActorCriticPolicy, BasePolicy
 from stable_baselines3.dqn.policies import DQNPolicy
 
 from usbench.agents.baselines import Random
+from usbench.envs.observation import senses
 from usbench.watch.moment import Advice
 
 
@@ -32,7 +33,7 @@ class Adviser:
         policy = self._policy
         if not isinstance(policy, BasePolicy):
             return self._certain(observation, info, step)
-        seen: Any = policy.obs_to_tensor(observation[np.newaxis])[0]
+        seen: Any = policy.obs_to_tensor(senses.batch([observation]))[0]
         if isinstance(policy, RecurrentActorCriticPolicy):
             first = torch.tensor([float(step == 0)])
             distribution, self._memory = policy.get_distribution(seen, self._memory, first)
@@ -58,7 +59,9 @@ class Adviser:
         if isinstance(self._agent, Random):
             return Advice((1 / n_actions,) * n_actions)
         seen = (
-            [{**info, "step": step}] if getattr(self._agent, "sees_state", False) else observation[np.newaxis]
+            [{**info, "step": step}]
+            if getattr(self._agent, "sees_state", False)
+            else senses.batch([observation])
         )
         actions, self._memory = self._agent.predict(
             seen, state=self._memory, episode_start=np.array([step == 0]), deterministic=True

@@ -57,13 +57,16 @@ def fixed(number: float) -> str:
     return f"{round(number, 2) + 0.0:.2f}"
 
 
+def advice_numbers(advice: Advice) -> list[str]:
+    """Return the probability or the value of every action."""
+    if advice.kind == "probability":
+        return [f"{100 * weight:.0f} %" for weight in advice.weights]
+    return [fixed(weight) for weight in advice.weights]
+
+
 def advice_words(advice: Advice, names: Sequence[str]) -> list[str]:
     """Return the name of every action with its probability or value."""
-    texts = [
-        f"{100 * weight:.0f} %" if advice.kind == "probability" else fixed(weight)
-        for weight in advice.weights
-    ]
-    return [f"{name} {text}" for name, text in zip(names, texts, strict=True)]
+    return [f"{name} {number}" for name, number in zip(names, advice_numbers(advice), strict=True)]
 
 
 def write(path: Path, pages: Sequence[Image.Image]) -> None:

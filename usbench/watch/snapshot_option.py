@@ -1,12 +1,14 @@
 """What a snapshot is taken of: tissue, probe and imaging, the pose of the probe, the scanner's settings."""
 
 import hashlib
-from dataclasses import dataclass, fields
+import math
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from gymnasium.envs.registration import load_env_creator
 
-from usbench.checks import whole_number
+from usbench.checks import number, whole_number
+from usbench.envs.anatomy.points import PointScatterers
 from usbench.envs.bmode import DEFAULT_IMAGING, Imaging
 from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Pose
@@ -22,6 +24,9 @@ DEEPEST_MM = 500
 # As scanners have with such an array; its pulses are sampled finely enough for it.
 FREQUENCY_MHZ = (1.0, 10.0)
 RANGE_DB = (1, 200)
+PIXEL_MM = (0.01, 10.0)
+# Of a file of scatterers: half a wavelength at 3.8 MHz, and no filter that removes a point.
+POINT_PIXEL_MM = 0.2
 
 
 @dataclass(frozen=True)
@@ -33,21 +38,23 @@ class Source:
         label: Name of the tissue, "" for the phantom of the paper's tasks.
         probe: The transducer.
         imaging: How RF becomes a frame.
+        usual: The imaging of the task, from which `changes` are told.
     """
 
-    tissue: Tissue = Phantom()
+    tissue: Tissue | PointScatterers = Phantom()
     label: str = ""
     probe: LinearArray = DEFAULT_ARRAY
     imaging: Imaging = DEFAULT_IMAGING
+    usual: Imaging = DEFAULT_IMAGING
 
     @property
     def changes(self) -> list[str]:
-        """Fields of probe and imaging that differ from the defaults, as "n_lines 96"."""
+        """Fields of probe and imaging that differ from the task's own, as "n_lines 96"."""
         return [
-            f"{field.name} {value:g}"
-            for part in (self.probe, self.imaging)
+            f"{field.name} {value:g}" if isinstance(value, int | float) else f"{field.name} {value}"
+            for part, own in ((self.probe, DEFAULT_ARRAY), (self.imaging, self.usual))
             for field in fields(part)
-            if (value := getattr(part, field.name)) != field.default
+            if (value := getattr(part, field.name)) != getattr(own, field.name)
         ]
 
     @property
@@ -93,6 +100,38 @@ def pose(
         raise ConfigurationError(str(error)) from error
 
 
+def imaging_of(source: Source, pixel_mm: Any = None, median_size: Any = None) -> Imaging:
+    """Return the imaging of a source with pixels of another size, and another median filter.
+
+    The frame keeps its extent. A frame of a file of scatterers, where the source has the default imaging, is
+    as wide as the scan lines, reaches below the deepest scatterer, and has fine pixels, not filtered.
+
+    Raises:
+        ConfigurationError: If a value is not allowed.
+    """
+    imaging, points = source.imaging, source.tissue
+    width, depth = imaging.width, imaging.depth
+    if isinstance(points, PointScatterers) and imaging == DEFAULT_IMAGING:
+        pixel_mm = POINT_PIXEL_MM if pixel_mm is None else pixel_mm
+        median_size = 1 if median_size is None else median_size
+        # Room for the pulse, and whole mm for the axis.
+        width, depth = source.probe.width, math.ceil(1.05e3 * float(points.positions[:, 2].max()) + 2) * 1e-3
+    try:
+        if median_size is not None:
+            imaging = replace(imaging, median_size=median_size)
+        if pixel_mm is not None:
+            size = number("pixel_mm", pixel_mm, low=PIXEL_MM[0], high=PIXEL_MM[1]) * 1e-3
+            imaging = replace(
+                imaging,
+                pixel_size=size,
+                height_px=max(round(depth / size), 1),
+                width_px=max(round(width / size), 1),
+            )
+    except (TypeError, ValueError) as error:
+        raise ConfigurationError(str(error)) from error
+    return imaging
+
+
 def _frequency_khz(probe: LinearArray, frequency_mhz: Any) -> int:
     if frequency_mhz is None:
         return round(probe.center_frequency / 1e3)
@@ -121,6 +160,19 @@ def label(task: str | None, number: Any = None) -> str:
     return f"{task}-{number or 0}" if row_of(task).phantoms else task
 
 
+def usual_imaging(task: str | None) -> Imaging:
+    """Return how a task makes frames by default.
+
+    Raises:
+        ConfigurationError: If there is no such task.
+    """
+    try:
+        environment: Any = load_env_creator(row_of(task or PAPER[0]).entry_point)
+        return environment.default_imaging  # type: ignore[no-any-return]
+    except (TypeError, ValueError) as error:
+        raise ConfigurationError(str(error)) from error
+
+
 def phantom_of(task: str | None, number: Any = None) -> Phantom:
     """Return the phantom of a task, where it has many that of this number (default 0).
 
@@ -133,7 +185,7 @@ def phantom_of(task: str | None, number: Any = None) -> Phantom:
             phantoms: PhantomDistribution = environment.distribution
             return phantoms.phantom(phantom_number(0 if number is None else number))
         if number is not None:
-            many = " and ".join(name for name, row in rows().items() if row.phantoms)
+            many = ", ".join(name for name, row in rows().items() if row.phantoms)
             raise ValueError(
                 f"only {many} have several phantoms to choose from by number: every other task has one."
             )

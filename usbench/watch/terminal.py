@@ -1,17 +1,19 @@
 """Episodes in the terminal: live, or as a table of text."""
 
+import io
+import itertools
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
-import pandas as pd
 from rich.color import Color
 from rich.console import Console
 from rich.live import Live
 from rich.style import Style
+from rich.table import Table
 from rich.text import Text
 
 from usbench.coordinates import BY_NAME, POSE
@@ -27,6 +29,14 @@ ROWS = (picture.TOP - 40, picture.BOTTOM)
 GAP = 2
 TEXT_LINES = 8
 SHADES = " ░▒▓█"
+# Columns of the table that hold words, which may be folded.
+WORDS = ("action", "settings", "slip", "advice for the next")
+# The colours of a terminal with 256 of them, from number 16: a cube of 6 x 6 x 6, and 24 greys.
+FIRST_OF_256 = 16
+_CUBE = (0, 95, 135, 175, 215, 255)
+PALETTE_256 = np.array(
+    [*itertools.product(_CUBE, repeat=3), *([8 + 10 * number] * 3 for number in range(24))], dtype=np.int64
+)
 
 
 def show(selection: Selection, console: Console | None = None) -> None:
@@ -37,29 +47,56 @@ def show(selection: Selection, console: Console | None = None) -> None:
             _live(selection, episode, console)
         else:
             print(selection.title(episode))
-            print(table(selection.moments(episode), selection.names))
+            print(table(selection.moments(episode), selection.names, console.width))
 
 
-def table(moments: Iterator[Moment], names: Sequence[str]) -> str:
-    """Return an episode as text: a row for the start and for every step."""
-    rows = [
-        {
-            "step": moment.step,
-            "action": moment.action,
-            "reward": film.fixed(moment.reward),
-            "return": film.fixed(moment.return_),
-            "optimum": film.fixed(moment.optimum),
-            **{_heading(name): getattr(moment.pose, name) for name in POSE},
-            **({"settings": ", ".join(words)} if (words := in_words(moment.pose)) else {}),
-            "distance (mm)": f"{moment.distance_mm:g}",
-            "slip": moment.slip,
-            "advice for the next": ""
-            if moment.advice is None
-            else film.advice_words(moment.advice, names)[moment.advice.best],
-        }
-        for moment in moments
+def table(moments: Iterable[Moment], names: Sequence[str], width: int = 80) -> str:
+    """Return an episode as text of `width` columns: a row for the start and for every step.
+
+    Words are folded, numbers are not. A coordinate that stays as it is, and slips where there are none, have
+    no column.
+    """
+    played = list(moments)
+    table = Table(box=None, padding=(0, 1, 0, 0), pad_edge=False)
+    columns = _columns(played, names)
+    for heading, texts in columns.items():
+        words = heading in WORDS
+        table.add_column(
+            heading,
+            justify="left" if words else "right",
+            no_wrap=not words,
+            overflow="fold",
+            min_width=None if words else max(map(len, texts)),
+        )
+    for row in zip(*columns.values(), strict=True):
+        table.add_row(*row)
+    console = Console(width=width, color_system=None, file=io.StringIO(), force_terminal=False)
+    console.print(table)
+    assert isinstance(console.file, io.StringIO)
+    return "\n".join(line.rstrip() for line in console.file.getvalue().splitlines())
+
+
+def _columns(played: Sequence[Moment], names: Sequence[str]) -> dict[str, list[str]]:
+    """Return the texts of the table's columns by their headings."""
+    poses = [moment.pose for moment in played]
+    moving = [name for name in POSE if name == POSE[0] or len({getattr(pose, name) for pose in poses}) > 1]
+    advised = [
+        "" if advice is None else f"{film.advice_numbers(advice)[advice.best]} {names[advice.best]}"
+        for advice in (moment.advice for moment in played)
     ]
-    return str(pd.DataFrame(rows).to_string(index=False))
+    columns = {
+        "step": [str(moment.step) for moment in played],
+        "action": [moment.action for moment in played],
+        "reward": [film.fixed(moment.reward) for moment in played],
+        "return": [film.fixed(moment.return_) for moment in played],
+        "optimum": [film.fixed(moment.optimum) for moment in played],
+        **{_heading(name): [str(getattr(pose, name)) for pose in poses] for name in moving},
+        "settings": [", ".join(in_words(pose)) for pose in poses],
+        "to go\n(mm)": [f"{moment.distance_mm:g}" for moment in played],
+        "slip": [moment.slip for moment in played],
+        "advice for the next": advised,
+    }
+    return {heading: texts for heading, texts in columns.items() if heading not in WORDS or any(texts)}
 
 
 def screen(moment: Moment, steps: int, names: Sequence[str], console: Console) -> Text:
@@ -71,7 +108,7 @@ def screen(moment: Moment, steps: int, names: Sequence[str], console: Console) -
     for name, start in zip(picture.panels(moment.picture.shape[1]), starts, strict=True):
         heads = heads[:start] + name + heads[start + len(name) :]
     text.append(heads[:width].rstrip() + "\n", style="bold")
-    text.append_text(blocks(image, colored=console.color_system is not None))
+    text.append_text(blocks(image, console.color_system))
     pose = moment.pose
     text.append(f"step {moment.step}/{steps}: {moment.action}", style="bold")
     where = [BY_NAME[name].value.format(getattr(pose, name)) for name in POSE]
@@ -111,13 +148,19 @@ def panels(scene: npt.NDArray[np.uint8], width: int, height: int) -> tuple[npt.N
     return np.concatenate(parts[:-1], axis=1), starts
 
 
-def blocks(image: npt.NDArray[np.uint8], *, colored: bool) -> Text:
-    """Return (2 rows, columns, 3) as characters: half blocks in colour, or shades of grey without."""
+def blocks(image: npt.NDArray[np.uint8], color_system: str | None) -> Text:
+    """Return (2 rows, columns, 3) as characters: half blocks in colour, or shades of grey.
+
+    Args:
+        image: Red, green and blue.
+        color_system: "truecolor", "256", or anything else for a terminal of few colours or none.
+    """
     text = Text()
-    for upper, lower in zip(image[0::2], image[1::2], strict=True):
-        for above, below in zip(upper.tolist(), lower.tolist(), strict=True):
-            if colored:
-                style = Style(color=Color.from_rgb(*above), bgcolor=Color.from_rgb(*below))
+    colors = _colors(image, color_system)
+    for row, (upper, lower) in enumerate(zip(image[0::2], image[1::2], strict=True)):
+        for column, (above, below) in enumerate(zip(upper.tolist(), lower.tolist(), strict=True)):
+            if colors:
+                style = Style(color=colors[2 * row][column], bgcolor=colors[2 * row + 1][column])
                 text.append("▀", style=style)
             else:
                 brightness = ((sum(above) + sum(below)) / (6 * 256)) ** 0.6
@@ -126,10 +169,23 @@ def blocks(image: npt.NDArray[np.uint8], *, colored: bool) -> Text:
     return text
 
 
+def _colors(image: npt.NDArray[np.uint8], color_system: str | None) -> list[list[Color]]:
+    """Return the colour of every pixel in a terminal of that system, nothing where it has too few."""
+    if color_system == "truecolor":
+        return [[Color.from_rgb(*pixel) for pixel in row] for row in image.tolist()]
+    if color_system != "256":
+        return []
+    # The nearest of all 240: rich looks in the cube alone for what is hardly coloured, and dark blue is loud.
+    shown, inverse = np.unique(image.reshape(-1, 3), axis=0, return_inverse=True)
+    distance = ((shown[:, np.newaxis].astype(np.int64) - PALETTE_256) ** 2).sum(axis=2)
+    numbers = distance.argmin(axis=1)[inverse].reshape(image.shape[:2]) + FIRST_OF_256
+    return [[Color.from_ansi(number) for number in row] for row in numbers.tolist()]
+
+
 def _heading(coordinate: str) -> str:
-    """Return the heading of a column of coordinates, "focal depth (mm)" for `focal_depth_mm`."""
+    """Return the heading of a column of coordinates, "focal depth" above "(mm)" for `focal_depth_mm`."""
     words, _, unit = coordinate.rpartition("_")
-    return f"{words.replace('_', ' ')} ({unit})"
+    return f"{words.replace('_', ' ')}\n({unit})"
 
 
 def _live(selection: Selection, episode: dict[str, Any], console: Console) -> None:

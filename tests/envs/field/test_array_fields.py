@@ -199,5 +199,6 @@ def test_every_field_has_a_test():
         "center_frequency", "sampling_frequency", "speed_of_sound", "n_elements", "element_width", "kerf",
         "element_height", "n_active", "n_lines", "line_spacing", "excitation_cycles",
         "impulse_response_cycles", "n_elevation", "slice_thickness",
+        "receive_focus", "receive_f_number",  # in test_receive.py
     }  # fmt: skip
     assert {field.name for field in dataclasses.fields(LinearArray)} == tested

@@ -71,6 +71,12 @@ def test_parts_lie_within_their_cell_and_the_waveforms():
     assert table.span[0] == table.cells[..., 2][table.cells[..., 1] > 0].min()
 
 
+def test_every_part_has_a_local_plane_wave():
+    # At 5 mm there are orders that of a block's depths only the one below hears.
+    table = response_table(LinearArray(), 5e-3, 40e-3, 90e-3)
+    assert np.square(table.waves[:, 2:4]) + np.square(table.waves[:, 4:6]) == pytest.approx(1.0, abs=1e-5)
+
+
 def test_is_made_once():
     assert response_table(ARRAY, FOCUS, 40e-3, 90e-3) is response_table(ARRAY, FOCUS, 40e-3, 90e-3)
 

@@ -13,19 +13,28 @@ from usbench.envs.oracle import policy, returns
 from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Limits, Move, Pose
 from usbench.envs.settings import Setup
+from usbench.envs.tasks.image_quality import (
+    contrast_order,
+    contrast_to_noise,
+    generalized_contrast_to_noise,
+)
 from usbench.envs.tasks.imaging_setup import (
     GOOD,
+    IMAGING,
     IMAGING_SETUP,
+    IMAGING_SETUP_V0,
     PHANTOM,
     ImagingSetupEnv,
-    contrast_to_noise,
+    ImagingSetupV0Env,
     regions,
 )
-from usbench.records import ConfigurationError
+from usbench.records import ConfigurationError, Episode
+from usbench.setting import Setting
 from usbench.trials import runner
 from usbench.trials.configuration import resolve
+from usbench.trials.evaluation import Recorder
 
-ENV_ID = "usbench/ImagingSetup-v0"
+ENV_ID = "usbench/ImagingSetup-v1"
 
 
 class GreyFrames:
@@ -53,12 +62,6 @@ def task(grey):
     return dataclasses.replace(IMAGING_SETUP, title="grey")
 
 
-def halves():
-    inside = np.zeros((90, 40), bool)
-    inside[:, :20] = True
-    return inside, ~inside
-
-
 def lens(body, part):
     """Area where two circles overlap whose centres are 0.9 body + part apart, mm^2."""
     apart = 0.9 * body + part
@@ -67,28 +70,6 @@ def lens(body, part):
         half = np.arccos((apart**2 + radius**2 - other**2) / (2 * apart * radius))
         area += radius**2 * (half - np.sin(half) * np.cos(half))
     return area
-
-
-def test_contrast_to_noise_of_four_pixels_worked_out_by_hand():
-    frame = np.array([[10, 20, 60, 80]], np.uint8)
-    inside = np.array([[True, True, False, False]])
-    # Means 15 and 70, variances 25 and 100.
-    assert contrast_to_noise(frame, inside, ~inside) == pytest.approx(55 / np.sqrt(125))
-    assert contrast_to_noise(frame, ~inside, inside) == pytest.approx(55 / np.sqrt(125))
-
-
-def test_contrast_to_noise_of_normal_greys_is_that_of_their_distributions():
-    inside, around = halves()
-    rng = np.random.default_rng(3)
-    frame = np.where(inside, rng.normal(60, 9, (90, 40)), rng.normal(130, 12, (90, 40))).astype(np.uint8)
-    assert contrast_to_noise(frame, inside, around) == pytest.approx(70 / 15, rel=0.05)
-
-
-def test_where_there_is_nothing_to_tell_apart_it_is_zero():
-    inside, around = halves()
-    black = np.zeros((90, 40), np.uint8)
-    assert contrast_to_noise(black, inside, around) == 0
-    assert contrast_to_noise(black, np.zeros_like(inside), around) == 0
 
 
 def test_regions_are_where_the_image_plane_cuts_the_object():
@@ -282,23 +263,95 @@ def test_the_anchors_of_another_phantom_are_its_own(monkeypatch):
     assert found[0] != found[1]
 
 
-def qualities():
-    """Quality of the simulator's frames of all settings, (6 depths, 4 frequencies, 8 ranges)."""
-    return ImagingSetupEnv().state_rewards().reshape(4, 6, 8)
+def test_both_versions_are_the_same_task_with_another_receiver():
+    latest = gym.make(ENV_ID).unwrapped
+    with pytest.warns(DeprecationWarning, match="out of date"):  # which Gymnasium says of itself
+        first = gym.make("usbench/ImagingSetup-v0").unwrapped
+    assert (type(latest), type(first)) == (ImagingSetupEnv, ImagingSetupV0Env)
+    assert latest.imaging == IMAGING == Imaging(noise_db=40.0, tgc_db_per_cm=3.0)
+    assert first.imaging == Imaging() and first.phantom == latest.phantom
+    own = dataclasses.replace(IMAGING_SETUP_V0, name=IMAGING_SETUP.name, title=IMAGING_SETUP.title)
+    assert own == IMAGING_SETUP
+    # An imaging of one's own stands in place of all of the task's.
+    assert ImagingSetupEnv(imaging=Imaging(height_px=80)).imaging.noise_db is None
+
+
+def test_info_and_records_hold_the_measures_of_the_final_frame(grey):
+    reported = []
+    env = Recorder(gym.make(ENV_ID), reported.append)
+    env.reset(seed=0)
+    for _ in range(16):
+        frame, reward, _, _, info = env.step(1)
+    masks = regions(PHANTOM, env.unwrapped.pose, Imaging())
+    assert info["gcnr"] == generalized_contrast_to_noise(frame[:, :, 0], *masks) > 0
+    assert info["contrast_order"] == contrast_order(frame[:, :, 0], *masks) < 0
+    row = Episode(episode=0, step=16, **{k: v for k, v in reported[0].items() if k != "actions"}).as_row()
+    assert (row["final_contrast_to_noise"], row["final_gcnr"]) == (reward, info["gcnr"])
+    assert row["final_contrast_order"] == info["contrast_order"] and "measures" not in row
+    assert list(row)[-3:] == ["final_contrast_to_noise", "final_gcnr", "final_contrast_order"]
+
+
+def test_trials_of_the_first_version_are_read_as_such():
+    """They are called `setup`, as the latest version is now."""
+    latest, first = resolve("dqn", "setup"), resolve("dqn", "setup-v0")
+    assert latest.environment["id"] == ENV_ID and latest.environment["imaging"]["noise_db"] == 40.0
+    assert first.environment["id"] == "usbench/ImagingSetup-v0"
+    assert not {"noise_db", "tgc_db_per_cm"} & set(first.environment["imaging"])
+    recorded = Setting.recorded(dataclasses.replace(first, task="setup"))
+    assert recorded == Setting(task="setup-v0") and recorded.imaging == Imaging()
+    assert Setting.recorded(latest) == Setting(task="setup") and latest.hash != first.hash
+
+
+def qualities(env):
+    """Quality of the simulator's frames of all settings, (4 frequencies, 6 depths, 8 ranges)."""
+    return env.state_rewards().reshape(4, 6, 8)
+
+
+# Of the latest version a range that shows the noise shows all that there is: a wider one is as good, to 0.01.
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("env", "best", "plateau"),
+    [
+        (ImagingSetupEnv, Setup(0, 50, 0, frequency_khz=3_000, dynamic_range_db=30), 0.01),
+        (ImagingSetupV0Env, Setup(0, 60, 0, frequency_khz=3_000, dynamic_range_db=40), 0.0),
+    ],
+)
+def test_every_setting_has_its_best_value_in_between(env, best, plateau):
+    quality = qualities(env())
+    places = np.unravel_index(quality.argmax(), quality.shape)
+    assert IMAGING_SETUP.states[quality.argmax()] == best
+    for axis, place in enumerate(places):
+        along = np.moveaxis(quality, axis, 0)[(slice(None), *np.delete(places, axis))]
+        assert 0 < place < len(along) - 1
+        # And no other hill: an agent that follows the gradient arrives.
+        assert (np.diff(along[: place + 1]) > 0).all() and (np.diff(along[place:]) < plateau).all()
 
 
 @pytest.mark.slow
-def test_every_knob_has_its_best_setting_in_between():
-    quality = qualities()
-    best = np.unravel_index(quality.argmax(), quality.shape)
-    for axis, place in enumerate(best):
-        along = np.moveaxis(quality, axis, 0)[(slice(None), *np.delete(best, axis))]
-        assert 0 < place < len(along) - 1
-        # And no other hill: an agent that follows the gradient arrives.
-        assert (np.diff(along[: place + 1]) > 0).all() and (np.diff(along[place:]) < 0).all()
-    # The more is lost on the way, the wider must be what is shown.
-    ranges = [by_depth.max(axis=0).argmax() for by_depth in quality]
+def test_without_noise_the_more_is_lost_the_wider_must_be_what_is_shown():
+    ranges = [by_depth.max(axis=0).argmax() for by_depth in qualities(ImagingSetupV0Env())]
     assert ranges == sorted(ranges) and ranges[0] < ranges[-1]
+
+
+@pytest.mark.slow
+def test_noise_keeps_the_highest_frequency_from_being_the_best():
+    """With the same gain and without noise the highest frequency would show the cyst best."""
+    gain = dataclasses.replace(IMAGING, noise_db=None)
+    quiet, noisy = (
+        qualities(env).max(axis=(1, 2)) for env in (ImagingSetupEnv(imaging=gain), ImagingSetupEnv())
+    )
+    assert quiet.argmax() == 3 and noisy.argmax() == 1 and noisy[3] < 0.6 * quiet[3]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "anchors"),
+    [("setup", (39.1315, 25.9382, 25.2989)), ("setup-v0", (34.4884, 22.6652, 22.5035))],
+)
+def test_anchors_are_those_that_the_docs_tell(name, anchors):
+    """Those of the first version are what they were before the second one existed."""
+    found = dataclasses.astuple(Setting(task=name).anchors())
+    assert found == pytest.approx(anchors, abs=5e-5)
 
 
 @pytest.mark.slow

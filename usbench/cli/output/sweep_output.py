@@ -1,6 +1,7 @@
 """What a person sees of many trials: a bar with the time left, and a line for each that ends."""
 
 import sys
+import time
 from collections.abc import Sequence
 
 from rich.console import Console
@@ -60,7 +61,7 @@ class SweepBars:
 
     def started(self, n_missing: int, n_finished: int, expected_s: float | None) -> None:
         """`n_missing` trials will run and `n_finished` are finished."""
-        self._missing, self._ended = n_missing, 0
+        self._missing, self._ended, self._begun = n_missing, 0, time.monotonic()
         self._task = self._bar.add_task("trials", total=n_missing)
         told = f"{n_missing} trials to run, {n_finished} finished already"
         if n_missing:
@@ -72,11 +73,17 @@ class SweepBars:
         self._ended += 1
         self._bar.advance(self._task)
         state = "finished" if outcome.reason is None else "failed"
-        self._say(f"[{self._ended}/{self._missing}] {outcome.config.title}: {state}")
+        left = self._missing - self._ended
+        told = f", about {_duration(left * self._seconds_each())} left" if left else ""
+        self._say(f"[{self._ended}/{self._missing}] {outcome.config.title}: {state}{told}")
 
     def retried(self, config: TrialConfig) -> None:
         """The process of a trial died; the trial starts again."""
         self._say(f"{config.title}: its process died, the trial starts again")
+
+    def _seconds_each(self) -> float:
+        """Return what a trial has taken so far, trials side by side counted once."""
+        return (time.monotonic() - self._begun) / self._ended
 
     def _say(self, line: str) -> None:
         if not self._quiet:

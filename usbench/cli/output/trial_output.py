@@ -1,6 +1,7 @@
 """What a person sees in the terminal: progress while a trial runs, a table and paths when it has ended."""
 
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -9,18 +10,37 @@ from rich.table import Table
 from tqdm import tqdm
 
 from usbench import records
+from usbench.agents import zoo
 from usbench.records import Trial, TrialConfig
 from usbench.tasks import row_of
 
 REFERENCES = ("random", "optimal")
-# Title, mean of the episodes, format.
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of the table: its title, the mean over episodes in it, its format, and what it means."""
+
+    title: str
+    mean: str
+    form: str
+    meaning: str
+
+
 COLUMNS = (
-    ("return", "return", "{:.2f}"),
-    ("normalised\nscore", "normalized_score", "{:.2f}"),
-    ("final\ndistance", "final_distance_mm", "{:.1f} mm"),
-    ("plane\nerror", "plane_error_deg", "{:.1f} deg"),
-    ("success\nrate", "success_rate", "{:.0%}"),
+    Column("return", "return", "{:.2f}", "sum of the rewards of an episode"),
+    Column("normalised\nscore", "normalized_score", "{:.2f}", "0 is the random agent, 1 is the optimum"),
+    Column("final\ndistance", "final_distance_mm", "{:.1f} mm", "from the last pose to the goal"),
+    Column(
+        "plane\nerror",
+        "plane_error_deg",
+        "{:.1f} deg",
+        "angle between the last frame's plane and the object's, 0 to 90 degrees",
+    ),
+    Column("success\nrate", "success_rate", "{:.0%}", "share of the episodes whose last pose is the goal"),
 )
+# Characters: the numbers of all columns, and what is left for a name that is folded.
+NARROWEST = 72
 
 
 class Bars:
@@ -50,7 +70,7 @@ class Bars:
             self._show("training", step, steps, "step", f"return {mean_return:.2f}, score {score:.2f}")
 
     def evaluated(self, step: int, mean_return: float, score: float) -> None:
-        """The agent was evaluated at `step`; mean return and score of its sampled actions."""
+        """The agent was evaluated at `step`; mean return and score of its greedy actions."""
         line = f"step {step}: evaluation return {mean_return:.2f}, normalised score {score:.2f}"
         if self._live:
             tqdm.write(line, file=sys.stderr)
@@ -76,35 +96,53 @@ class Bars:
 
 
 def trial_table(folder: Path) -> Table:
-    """Return the last evaluation of a trial as a table, beside the random agent and the optimum."""
+    """Return the last evaluation of a trial as a table, beside the random agent and the optimum.
+
+    Sampled actions have no row where they are the agent's exploration, which says nothing of its policy.
+    """
     trial = Trial.read(folder)
     config, anchors = trial.config, trial.anchors
-    table = Table(
-        title=trial.title,
-        caption=f"Means of {trial.n_evaluation_episodes} evaluation episodes after {config.steps} "
-        "training steps. The returns of random and optimal are exact expectations.",
-    )
-    table.add_column("agent", no_wrap=True)
-    silent = row_of(config.task).silent
-    columns = [column for column in COLUMNS if column[1] not in silent]
-    for title, *_ in columns:
-        table.add_column(title, justify="right", no_wrap=True)
+    table = Table(title=trial.title)
+    # A name is folded where it is too long; numbers are not.
+    table.add_column("agent", overflow="fold")
+    columns = _columns(trial)
+    for column in columns:
+        table.add_column(column.title, justify="right", no_wrap=True)
+    modes = {"greedy": True} if trial.explores else {"sampled": False, "greedy": True}
     shown = {
-        f"{config.algo}, sampled": records.means(trial.last_evaluation(deterministic=False)),
-        f"{config.algo}, greedy": records.means(trial.last_evaluation(deterministic=True)),
-        **{name: {**trial.references[name], "return": getattr(anchors, name)} for name in REFERENCES},
+        f"{config.algo}, {mode}": records.means(trial.last_evaluation(deterministic=greedy))
+        for mode, greedy in modes.items()
     }
+    shown |= {name: {**trial.references[name], "return": getattr(anchors, name)} for name in REFERENCES}
     for name, means in shown.items():
         values = {**means, "normalized_score": anchors.score(means["return"])}
-        table.add_row(name, *(form.format(values[key]) for _, key, form in columns))
+        table.add_row(name, *(column.form.format(round(values[column.mean], 2) + 0.0) for column in columns))
     return table
 
 
+def legend(folder: Path) -> list[str]:
+    """Return what the columns of `trial_table` mean, and what its numbers are means of, a line each."""
+    trial = Trial.read(folder)
+    lines = [f"{column.title.replace(chr(10), ' ')}: {column.meaning}" for column in _columns(trial)]
+    lines.append(
+        f"Means of {trial.n_evaluation_episodes} evaluation episodes after {trial.config.steps} training "
+        "steps; the returns of random and optimal are exact expectations."
+    )
+    if trial.explores:
+        lines.append(
+            f"{trial.config.algo} samples actions only to explore, so that greedy actions are shown."
+        )
+    return lines
+
+
 def print_trial(folder: Path, figures: dict[str, Path]) -> None:
-    """Print the table of a finished trial and where its files are."""
-    Console().print(trial_table(folder))
-    if unused := not_learned(Trial.read(folder).config):
-        print(unused)
+    """Print the table of a finished trial, what it means, and where the trial's files are."""
+    console = Console(highlight=False)
+    console.width = max(console.width, NARROWEST)
+    console.print(trial_table(folder))
+    for line in [*legend(folder), not_learned(Trial.read(folder).config)]:
+        if line:
+            console.print(line, markup=False)
     # Plain prints: a path must not be wrapped.
     for name, path in {"trial folder": folder, **figures}.items():
         print(f"{name + ':':<16}{path}")
@@ -112,10 +150,18 @@ def print_trial(folder: Path, figures: dict[str, Path]) -> None:
 
 def not_learned(config: TrialConfig) -> str:
     """Return what a trial of so few steps did not learn from, in a sentence; "" if it learned from all."""
-    steps, values = config.steps, config.hyperparameters
-    rest = steps % values.get("n_steps", 1)
-    if rest:
-        return f"The last {rest} of {steps} steps were not learned from: an update takes {values['n_steps']}."
+    steps, values = config.steps, {**zoo.own_defaults(config.algo), **config.hyperparameters}
+    n_steps = values.get("n_steps", 1)
+    if 0 < steps < n_steps:
+        return f"Nothing was learned in {steps} steps: the first update comes after {n_steps} (n_steps)."
+    if rest := steps % n_steps:
+        return f"The last {rest} of {steps} steps were not learned from: an update takes {n_steps}."
     if 0 < steps <= values.get("learning_starts", 0):
         return f"Nothing was learned in {steps} steps: learning starts after {values['learning_starts']}."
     return ""
+
+
+def _columns(trial: Trial) -> list[Column]:
+    """Return the columns that say something about the trial's task."""
+    silent = row_of(trial.config.task).silent
+    return [column for column in COLUMNS if column.mean not in silent]

@@ -1,31 +1,60 @@
 // The page of `usbench guide`: keys and buttons go to the server, its answer is drawn. No logic of the task here.
 import { drawScene } from "./scene.js";
 
-const PLAY_MS = 700, POLL_MS = 1000;
+const PLAY_MS = 700, POLL_MS = 1000, BUSY_MS = 150;
 const byId = (id) => document.getElementById(id);
 const PICTURES = {
   above: byId("above"), side: byId("side"), view: byId("frame-view"), canvas: byId("frame"), axes: byId("frame-axes"),
 };
-let shown = null, playing = null, poll, pending = Promise.resolve(), waiting = 0;
+let shown = null, playing = null, poll, pending = Promise.resolve(), waiting = 0, nStale = 0, busy = "";
 
-// One request at a time, in the order of the keys.
+// One request at a time, in the order of the keys. Keys that were pressed on a picture out of date are forgotten.
 function send(path, body, since) {
+  if (busy) return renderSettings(shown);
+  const before = nStale;
   waiting += 1;
-  pending = pending.then(() => request(path, body)).then((state) => {
+  pending = pending.then(() => before === nStale && finished(path, body && { ...body, place: shown.place })).then((state) => {
     waiting -= 1;
-    if (state) render(state);
+    if (state || shown) render(state || shown);
     if (state && since !== undefined) measure(since);
   });
   return pending;
 }
 
+// What takes long runs beside the server, which says meanwhile what it does.
+async function finished(path, body) {
+  let state = await request(path, body);
+  while (state?.busy) {
+    renderBusy(state.busy);
+    await new Promise((done) => setTimeout(done, BUSY_MS));
+    state = await request("state");
+  }
+  renderBusy("");
+  return state;
+}
+
+function renderBusy(doing) {
+  busy = doing;
+  byId("busy").textContent = doing && `${doing[0].toUpperCase()}${doing.slice(1)} \u2026`;
+  document.querySelector("main").setAttribute("aria-busy", String(doing !== ""));
+}
+
+// The token stands in the address, as Jupyter has it: nobody else on this machine knows it.
+const headers = { "Authorization": `token ${new URLSearchParams(location.search).get("token") ?? ""}` };
+
 async function request(path, body) {
-  const options = body && { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) };
+  const options = body
+    ? { method: "POST", headers: { ...headers, "Content-Type": "application/json" }, body: JSON.stringify(body) }
+    : { headers };
   try {
     const response = await fetch(path, options);
     const answer = await response.json();
-    say(response.ok ? answer.message : answer.error);
-    return response.ok ? answer : null;
+    say(response.ok ? answer.message ?? "" : answer.error);
+    if (response.ok) byId("notice").textContent = answer.notice ?? "";
+    if (response.status !== 409) return response.ok ? answer : null;
+    nStale += 1;
+    pause();
+    return answer.state;
   } catch {
     pause();
     say("The guide does not answer: it has ended. Start it again with: usbench guide");
@@ -46,13 +75,24 @@ function say(sentence) {
 }
 
 function act(action, since) {
-  if (shown.over) say("The episode is over: begin a new one (N).");
+  if (!busy && shown.over) say("The episode is over: begin a new one (N).");
   else send("act", { action }, since);
 }
+// Another task or noise begins a new episode: ask before one that has begun is lost.
+function change(choice, what) {
+  if (shown.over || !shown.step) return send("choose", choice);
+  pause();
+  byId("sure-words").textContent = `${what} begins a new episode: this one ends at step ${shown.step} of ${shown.n_steps}.`;
+  byId("sure-yes").onclick = () => { byId("sure").close(); send("choose", choice); };
+  byId("sure").showModal();
+}
+byId("sure-no").addEventListener("click", () => byId("sure").close());
+byId("sure").addEventListener("close", () => renderSettings(shown));
 const begin = () => send("begin", {});
-const follow = (since) => { if (shown.advice) send("follow", {}, since); };
+const follow = (since) => { if (shown.advice && !shown.study) send("follow", {}, since); };
 
 function play() {
+  if (shown.study) return;
   if (playing !== null) return pause();
   playing = setInterval(() => {
     if (shown.over || !shown.advice) pause();
@@ -112,11 +152,14 @@ function render(state) {
 }
 
 function renderSettings(state) {
+  if (!state) return;
   options("task", Object.entries(state.tasks).map(([value, label]) => ({ value, label })), state.task);
   options("noise", state.noises.map((value) => ({ value: String(value), label: `${100 * value} %` })), String(state.noise));
   const group = (agent) => agent.task === null ? "Reference policy" : `Trained: ${state.tasks[agent.task]}`;
   options("agent", state.agents.map((agent) => ({ value: agent.name, label: agent.label, group: group(agent) })), state.agent);
   byId("hidden").checked = state.hidden;
+  byId("study").textContent = state.ended && state.over ? "The study is finished. Thank you." : state.study;
+  for (const input of byId("settings").querySelectorAll("select, #hidden")) input.disabled = state.study !== "";
   byId("goal").textContent = state.goal;
 }
 
@@ -140,13 +183,14 @@ function renderFrame({ frame, shape: [height, width], frame_mm: [depthMm, widthM
   canvas.setAttribute("aria-label", `B-mode frame, ${widthMm} by ${depthMm} mm, focus at ${pose.focal_depth_mm} mm`);
 }
 
-function renderAdvice({ advice, controls, over, exact, label }) {
+function renderAdvice(state) {
+  const { advice, controls, over, exact, label, study } = state;
   byId("adviser").textContent = exact ? "of the exact optimum, which knows the pose" : `of ${label}`;
   byId("adviser").classList.toggle("exact", exact);
   // At the end all keeps its place, so that no button moves away under a finger.
   byId("advice").hidden = !advice && !over;
-  byId("silence").textContent = advice || over ? "" : "No advice: choose an agent that fits the task.";
-  byId("confidence-title").textContent = !advice ? "\u00a0" : advice.kind === "value" ? "Expected return of each action" : "Probability of each action";
+  byId("silence").textContent = advice || over ? "" : state.study ? "No advice in this episode." : "No advice: choose an agent that fits the task.";
+  byId("confidence-title").textContent = !advice ? "\u00a0" : advice.kind === "value" ? `Expected return of each action${exact ? ", to the end" : ""}` : "Probability of each action";
   const words = advice?.words ?? "the episode is over";
   byId("advice").querySelector("use").setAttribute("href", advice ? `#icon-${advice.icon}` : "");
   byId("advice").querySelector("strong").textContent = words[0].toUpperCase() + words.slice(1);
@@ -162,8 +206,9 @@ function renderAdvice({ advice, controls, over, exact, label }) {
     button.classList.toggle("advised", advice?.action === action);
     button.setAttribute("aria-disabled", String(over));
   });
-  byId("follow").disabled = !advice;
-  byId("play").disabled = !advice && !over;
+  byId("follow").disabled = !advice || study !== "";
+  byId("play").disabled = (!advice && !over) || study !== "";
+  byId("begin").disabled = study !== "" && (!over || state.ended);
 }
 
 const minus = (text) => text.replaceAll("-", "\u2212");
@@ -181,14 +226,18 @@ function renderEpisode(state) {
   const goal = state.at_goal && !state.over ? " The probe is at the goal: hold it there." : "";
   const next = advice ? ` Advice: ${advice.words}.` : "";
   byId("status").textContent = `${state.happened}${goal}${next}`;
+  byId("percent").textContent = minus(state.percent);
   byId("verdict").textContent = minus(state.verdict);
-  byId("verdict").classList.toggle("success", state.at_goal === true);
+  byId("outcome").classList.toggle("success", state.at_goal === true);
+  byId("legend-body").hidden = !state.balls.length && !state.target;
+  byId("legend-body").textContent = state.target ? "image plane of the target" : "body of the object";
+  byId("legend-limb").hidden = !state.balls.length;
   byId("begin").classList.toggle("primary", state.over);
 }
 
 function renderTraining(training, untrained) {
   const running = training.status === "running", failed = training.status === "failed";
-  byId("training").hidden = !(untrained || running || failed);
+  byId("training").hidden = shown.study !== "" || !(untrained || running || failed);
   byId("train").hidden = running || !training.offered;
   byId("training-bar").hidden = !running;
   byId("training-bar").value = training.step / training.steps;
@@ -203,7 +252,7 @@ function renderTraining(training, untrained) {
 const shortcuts = { a: follow, p: play, n: begin };
 document.addEventListener("keydown", (event) => {
   const { key, target } = event, name = key.length === 1 ? key.toLowerCase() : key;
-  if (!shown || !byId("keys").checked || event.ctrlKey || event.altKey || event.metaKey) return;
+  if (!shown || busy || byId("sure").open || !byId("keys").checked || event.ctrlKey || event.altKey || event.metaKey) return;
   if (target.matches("select") || (key === " " && target.matches("button, input"))) return;
   const action = shown.controls.findIndex((control) => control.key === name);
   if (action < 0 && !(name in shortcuts)) return;
@@ -223,8 +272,8 @@ byId("follow").addEventListener("click", (event) => follow(event.timeStamp));
 byId("play").addEventListener("click", play);
 byId("begin").addEventListener("click", begin);
 byId("train").addEventListener("click", () => send("train", {}));
-byId("task").addEventListener("change", (event) => send("choose", { task: event.target.value }));
-byId("noise").addEventListener("change", (event) => send("choose", { noise: Number(event.target.value) }));
+byId("task").addEventListener("change", (event) => change({ task: event.target.value }, "The other task"));
+byId("noise").addEventListener("change", (event) => change({ noise: Number(event.target.value) }, "Another noise"));
 byId("agent").addEventListener("change", (event) => send("choose", { agent: event.target.value }));
 byId("hidden").addEventListener("change", (event) => send("choose", { hidden: event.target.checked }));
 byId("settings").addEventListener("submit", (event) => event.preventDefault());

@@ -1,0 +1,60 @@
+"""A second trunk, to see whether a ranking is the network's: residual blocks and a global average."""
+
+import torch
+from gymnasium import spaces
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from torch import nn
+
+from usbench.agents.networks import channels_first
+
+CHANNELS = (16, 32, 32)
+
+
+class ResidualTrunk(BaseFeaturesExtractor):
+    """IMPALA's network, small: a strided convolution, three stages of one residual block, a global average.
+
+    In: as `ConvTrunk`. Out: `(n, 32)`, whatever the size of the images.
+
+    It differs from the original in three things: the first convolution has stride 2 and no max-pool, each
+    stage has one residual block in place of two, and an average over all places stands for the flattened maps
+    and the layer after them. There is no batch norm: acting and learning see the same network.
+
+    Source: Espeholt et al., "IMPALA" (2018), Fig. 3, right.
+    """
+
+    def __init__(self, observation_space: spaces.Box) -> None:
+        """Builds the trunk for images of `observation_space`, at least 8 x 8 pixels."""
+        self._channels_first = channels_first(observation_space)
+        shape = observation_space.shape
+        n_channels, height, width = shape if self._channels_first else (shape[2], shape[0], shape[1])
+        if min(height, width) < 8:
+            raise ValueError(f"images must have at least 8 x 8 pixels, not {height} x {width}.")
+        super().__init__(observation_space, CHANNELS[-1])
+        stages: list[nn.Module] = [_convolution(n_channels, CHANNELS[0], stride=2), Residual(CHANNELS[0])]
+        for n_in, n_out in zip(CHANNELS, CHANNELS[1:], strict=False):
+            stages += [_convolution(n_in, n_out), nn.MaxPool2d(3, stride=2, padding=1), Residual(n_out)]
+        self.stages = nn.Sequential(*stages, nn.ReLU())
+
+    def forward(self, observations: torch.Tensor) -> torch.Tensor:
+        """Features `(n, 32)` of a batch of images."""
+        images = observations if self._channels_first else observations.permute(0, 3, 1, 2)
+        maps: torch.Tensor = self.stages(images.contiguous(memory_format=torch.channels_last))
+        return maps.mean(dim=(2, 3))
+
+
+class Residual(nn.Module):
+    """x + conv(ReLU(conv(ReLU(x)))), 3x3 each, on maps `(n, n_channels, height, width)`."""
+
+    def __init__(self, n_channels: int) -> None:
+        """Builds the two convolutions."""
+        super().__init__()
+        self.first, self.second = (_convolution(n_channels, n_channels) for _ in range(2))
+
+    def forward(self, maps: torch.Tensor) -> torch.Tensor:
+        """Maps of the same shape."""
+        result: torch.Tensor = maps + self.second(torch.relu(self.first(torch.relu(maps))))
+        return result
+
+
+def _convolution(n_in: int, n_out: int, stride: int = 1) -> nn.Conv2d:
+    return nn.Conv2d(n_in, n_out, kernel_size=3, stride=stride, padding=1)

@@ -1,0 +1,111 @@
+"""Files of scatterers: how many they hold, and their columns; .csv with a header line, or .npz."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Collection
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from usbench.checks import unknown
+
+SUFFIXES = (".csv", ".npz")
+# What the columns are called in m, and in mm.
+NAMES = ("x", "y", "z", "amplitude")
+NAMES_MM = ("x_mm", "y_mm", "z_mm", "amplitude")
+_HEAD = 1 << 16
+
+
+def count(path: Path) -> int:
+    """Return how many scatterers a file holds, of a .csv file an estimate, without reading it as a whole.
+
+    Raises:
+        OSError: If the file cannot be read.
+        ValueError: If it is neither .csv nor .npz, damaged, or has not the columns.
+    """
+    if path.suffix.lower() not in SUFFIXES:
+        raise ValueError(str(unknown("suffix", path.suffix, SUFFIXES)))
+    if path.suffix.lower() == ".npz":
+        return _count_npz(path)
+    with path.open("rb") as file:
+        head = file.read(_HEAD)
+    lines = head.count(b"\n") + 1
+    return round(path.stat().st_size / max(len(head), 1) * lines)
+
+
+def read(path: Path) -> npt.NDArray[np.float64]:
+    """Return x, y, z in m and the amplitude of every scatterer, (n, 4).
+
+    Raises:
+        OSError: If the file cannot be read.
+        ValueError: If a column is missing, a value is not a finite number, or there is no row.
+    """
+    columns = _npz(path) if path.suffix.lower() == ".npz" else _csv(path)
+    values = np.stack([columns[name] for name in columns], axis=1)
+    if not len(values):
+        raise ValueError("it has no scatterer.")
+    bad = np.argwhere(~np.isfinite(values))
+    if len(bad):
+        row, column = bad[0]
+        raise ValueError(f"{[*columns][column]} of scatterer {row + 1} must be a finite number.")
+    if "x_mm" in columns:
+        values[:, :3] *= 1e-3
+    return values
+
+
+def _chosen(names: Collection[str]) -> tuple[str, ...]:
+    """Return the names of the four columns, or raise ValueError if one is missing."""
+    wanted = NAMES_MM if set(NAMES_MM[:3]) & set(names) else NAMES
+    missing = [name for name in wanted if name not in names]
+    if missing:
+        found = ", ".join(names) or "none"
+        raise ValueError(
+            f"{' and '.join(missing)} must be among its columns, not only {found} "
+            f"({', '.join(NAMES)} in m, or {', '.join(NAMES_MM)})."
+        )
+    return wanted
+
+
+def _csv(path: Path) -> dict[str, npt.NDArray[np.float64]]:
+    import pandas as pd  # takes half a second
+
+    try:
+        table = pd.read_csv(path, comment="#", skipinitialspace=True)
+    except pd.errors.EmptyDataError:
+        raise ValueError("it is empty.") from None
+    except (pd.errors.ParserError, UnicodeDecodeError) as error:
+        raise ValueError(f"it is no table of numbers ({' '.join(str(error).split())}).") from error
+    table.columns = [str(name).strip() for name in table.columns]
+    chosen = _chosen(list(table.columns))
+    return {name: pd.to_numeric(table[name], errors="coerce").to_numpy(np.float64) for name in chosen}
+
+
+def _npz(path: Path) -> dict[str, npt.NDArray[np.float64]]:
+    try:
+        with np.load(path, allow_pickle=False) as arrays:
+            found = {name: np.asarray(arrays[name], np.float64) for name in _chosen(arrays.files)}
+    except (zipfile.BadZipFile, EOFError, TypeError) as error:
+        raise ValueError(f"it is no file of arrays ({error}).") from error
+    shapes = {array.shape for array in found.values()}
+    if len(shapes) > 1 or len(next(iter(shapes))) != 1:
+        raise ValueError(f"its arrays must have one shape (n,), not {', '.join(map(str, sorted(shapes)))}.")
+    return found
+
+
+def _count_npz(path: Path) -> int:
+    """Return the length of the array of amplitudes from its header alone."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            _chosen([name.removesuffix(".npy") for name in archive.namelist()])
+            with archive.open("amplitude.npy") as file:
+                version = np.lib.format.read_magic(file)
+                header = {
+                    (1, 0): np.lib.format.read_array_header_1_0,
+                    (2, 0): np.lib.format.read_array_header_2_0,
+                }[version]
+                shape: tuple[int, ...] = header(file)[0]
+    except (zipfile.BadZipFile, KeyError) as error:
+        raise ValueError(f"it is no file of arrays ({error}).") from error
+    return int(np.prod(shape))

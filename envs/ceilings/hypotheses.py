@@ -1,0 +1,178 @@
+"""What an agent may have before it: every pose of the probe with every place of the object, and what is seen.
+
+Ideal eyes see how much of the object lies behind every pixel, within the slice of tissue that makes a frame,
+and nothing else: no speckle by which one phantom is told from another, and no blur. The object's size is the
+paper's and known, so that a ceiling for these eyes is an upper bound where sizes are drawn too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from usbench.envs import oracle
+from usbench.envs.bmode import DEFAULT_IMAGING, Imaging
+from usbench.envs.observation import senses as sensing
+from usbench.envs.phantom import ObjectOfInterest
+from usbench.envs.pose import Pose, cos_deg, sin_deg
+from usbench.envs.probe import DEFAULT_ARRAY, LinearArray
+from usbench.envs.task import Task
+from usbench.envs.tasks.random_phantoms import PhantomDistribution
+
+Ints = npt.NDArray[np.int64]
+Picture = npt.NDArray[np.float32]
+_ROUNDING_MM = 1e-6  # mirrored pictures are the same to the bit
+_FAINT_MM = 1.0  # of tissue behind a pixel, which eyes that miss something do not tell apart
+
+
+@dataclass(frozen=True, eq=False)
+class Hypotheses:
+    """All pairs of a pose and an object that an episode may have; their number is n_states * n_targets.
+
+    Hypothesis h is the state h // n_targets with the target h % n_targets.
+
+    Attributes:
+        task: The task.
+        targets: The objects' poses, one of several that show the same.
+        seen: Which frames look alike: a number for every hypothesis, (n_states, n_targets).
+    """
+
+    task: Task
+    targets: tuple[Pose, ...]
+    seen: Ints
+
+    @cached_property
+    def rewards(self) -> npt.NDArray[np.float64]:
+        """The normalised reward of being there, (n_hypotheses,)."""
+        return np.array(
+            [
+                [self.task.reward(pose, target, "normalized") for target in self.targets]
+                for pose in self.task.states
+            ]
+        ).ravel()
+
+    @cached_property
+    def following(self) -> Ints:
+        """The hypothesis after every action, (n_hypotheses, n_actions), without noise."""
+        states = self.task.states
+        after = np.array(
+            [
+                [self.task.indices[p.moved(one.move, self.task.limits)] for one in self.task.actions]
+                for p in states
+            ]
+        )
+        n = len(self.targets)
+        every = after[:, np.newaxis, :] * n + np.arange(n)[np.newaxis, :, np.newaxis]
+        return np.asarray(every.reshape(-1, len(self.task.actions)), dtype=np.int64)
+
+    @cached_property
+    def starts(self) -> Ints:
+        """The hypotheses with which an episode may begin, each as likely as the others."""
+        places = np.array([self.task.indices[pose] for pose in self.task.starts])
+        return np.asarray((places[:, np.newaxis] * len(self.targets) + np.arange(len(self.targets))).ravel())
+
+    def told(self, senses: Sequence[str]) -> Ints:
+        """Return what the senses of the pose tell: a number for every hypothesis, (n_hypotheses,)."""
+        known = sensing.checked(senses, self.task)
+        values = np.array([known.values(pose, None) for pose in self.task.states])
+        values = values.reshape(len(self.task.states), -1).round(6)
+        _, numbers = np.unique(values, axis=0, return_inverse=True)
+        return np.repeat(numbers.ravel().astype(np.int64), len(self.targets))
+
+    def observed(self, senses: Sequence[str]) -> Ints:
+        """Return frame and senses together as a number for every hypothesis, (n_hypotheses,)."""
+        both = self.seen.ravel() * len(self.seen.ravel()) + self.told(senses)
+        return np.asarray(np.unique(both, return_inverse=True)[1].ravel(), dtype=np.int64)
+
+    @cached_property
+    def anchors(self) -> tuple[float, float]:
+        """Mean returns over the starts of random actions and of the best policy that knows all."""
+        found = [oracle.returns(self.task, target=target, starts=self.task.starts) for target in self.targets]
+        return float(np.mean([one.random for one in found])), float(np.mean([one.optimal for one in found]))
+
+    def score(self, mean_return: float) -> float:
+        """Return a mean return over the starts as a score: 0 for random actions, 1 for the best policy."""
+        random, optimal = self.anchors
+        return (mean_return - random) / (optimal - random)
+
+
+def of_distribution(task: Task, phantoms: PhantomDistribution, missed_px: int = 0) -> Hypotheses:
+    """Return the hypotheses of a task whose phantoms are drawn.
+
+    Objects that are turned by 180 degrees are the same, and so are objects of other depths where the focus
+    stays: an agent sees how deep an object lies.
+
+    Args:
+        task: The task, which moves the probe and turns it, with the focus where it is.
+        phantoms: What its phantoms are drawn from.
+        missed_px: See `alike`; 0 for ideal eyes, which miss nothing.
+
+    Raises:
+        ValueError: If the task moves the focus, which ideal eyes do not see.
+    """
+    if task.moves_focus:
+        raise ValueError(f"the task {task.name!r} moves the focus, which ideal eyes do not see.")
+    depth = task.states[0].focal_depth_mm
+    angles = sorted({angle % 180 for angle in phantoms.angle_deg})
+    targets = tuple(Pose(x_mm, depth, angle) for x_mm in phantoms.x_mm for angle in angles)
+    known: dict[tuple[int, int, int], int] = {}
+    pictures: list[Picture] = []
+    seen = np.zeros((len(task.states), len(targets)), dtype=np.int64)
+    for i, pose in enumerate(task.states):
+        for j, target in enumerate(targets):
+            relative = (target.x_mm - pose.x_mm, target.angle_deg, pose.angle_deg)
+            if relative not in known:
+                known[relative] = len(pictures)
+                pictures.append(thickness_mm(target, pose))
+            seen[i, j] = known[relative]
+    return Hypotheses(task, targets, alike(np.array(pictures), missed_px)[seen])
+
+
+def thickness_mm(
+    target: Pose, pose: Pose, array: LinearArray = DEFAULT_ARRAY, imaging: Imaging = DEFAULT_IMAGING
+) -> Picture:
+    """Return how much of the object at `target` lies behind each pixel from `pose`, (n_pixels,) mm.
+
+    Counted is what lies in the slice that makes a frame: up to `array.slice_thickness` / 2 from the image
+    plane. The object is the paper's.
+    """
+    ooi = ObjectOfInterest(target.x_mm, target.focal_depth_mm, target.angle_deg)
+    pixel_mm, half_mm = imaging.pixel_size * 1e3, array.slice_thickness * 1e3 / 2
+    u = (np.arange(imaging.width_px) + 0.5 - imaging.width_px / 2) * pixel_mm
+    z = (np.arange(imaging.height_px) + 0.5) * pixel_mm
+    total = np.zeros((len(z), len(u)))
+    for ball in ooi.balls:
+        x, y, depth = ball.center_mm[0] - pose.x_mm, ball.center_mm[1], ball.center_mm[2]
+        along = cos_deg(pose.angle_deg) * x + sin_deg(pose.angle_deg) * y
+        across = cos_deg(pose.angle_deg) * y - sin_deg(pose.angle_deg) * x
+        squared = ball.radius_mm**2 - np.square(u - along) - np.square(z[:, np.newaxis] - depth)
+        half_chord = np.sqrt(np.maximum(squared, 0.0))
+        first, last = np.maximum(across - half_chord, -half_mm), np.minimum(across + half_chord, half_mm)
+        total += np.maximum(last - first, 0.0)
+    return np.asarray(np.rint(total.ravel() / _ROUNDING_MM) * _ROUNDING_MM, dtype=np.float32)
+
+
+def alike(pictures: npt.NDArray[np.float32], missed_px: int) -> Ints:
+    """Return a number for every picture (n, n_pixels), the same for pictures that look alike, (n,).
+
+    Without `missed_px` pictures look alike that are the same. Else each looks like the first earlier one from
+    which it differs by more than 1 mm in fewer pixels than that.
+    """
+    distinct, numbers = np.unique(pictures, axis=0, return_inverse=True)
+    numbers = numbers.ravel().astype(np.int64)
+    if missed_px <= 0:
+        return numbers
+    leaders: list[int] = []
+    group = np.zeros(len(distinct), dtype=np.int64)
+    for k, picture in enumerate(distinct):
+        different = (np.abs(distinct[leaders] - picture) > _FAINT_MM).sum(axis=1)
+        if len(leaders) and different.min() < missed_px:
+            group[k] = int(np.argmin(different))
+        else:
+            group[k] = len(leaders)
+            leaders.append(k)
+    return group[numbers]

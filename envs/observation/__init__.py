@@ -1,0 +1,1 @@
+"""What an agent observes beside the frame, and in what form it gets both."""

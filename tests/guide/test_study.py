@@ -1,0 +1,131 @@
+"""A study: what is played, what is recorded, and how report and leaderboard show it."""
+
+import json
+
+import pytest
+
+from usbench import cli, records
+from usbench.envs import guidance
+from usbench.guide import examination, study
+from usbench.guide.session import Session
+from usbench.records import ConfigurationError
+from usbench.records.journal import read_rows
+from usbench.results import studies
+from usbench.setting import Setting
+from usbench.trials.evaluation import Evaluator
+
+
+@pytest.fixture(autouse=True)
+def _drawn_frames(quick, monkeypatch):
+    monkeypatch.setattr(examination, "frame_store", guidance.frame_store)
+    monkeypatch.setattr(study, "EPISODES", 2)
+
+
+def play(session, *, obedient=True):
+    """Play the rest of a study: with advice as advised, otherwise without a move."""
+    while session.study.now is not None:
+        if session.examination.over:
+            session.begin()
+        while not session.examination.over:
+            advice = session.state()["advice"]
+            session.act(advice["action"] if advice and obedient else 0)
+    return read_rows(session.study.folder / records.EVALUATIONS)
+
+
+@pytest.mark.parametrize("name", ["anna", "ben", "3"])
+def test_every_episode_is_played_in_both_ways_and_each_way_comes_first_as_often(name, monkeypatch):
+    monkeypatch.setattr(study, "EPISODES", 8)
+    setting = Setting(task="fp-random")
+    plays = study.plan(name, setting)
+    n = len(plays) // 2
+    assert plays == study.plan(name, setting) and n == min(8, len(setting.evaluation_episodes()))
+    assert {one.episode for one in plays[:n]} <= set(setting.evaluation_episodes())
+    for first, second in zip(plays[:n], plays[n:], strict=True):
+        assert first.episode == second.episode and first.advised != second.advised
+    assert sum(one.advised for one in plays[:n]) in (n // 2, n - n // 2)
+    assert len({study.plan(other, setting)[0].advised for other in "abcdefgh"}) == 2
+
+
+def test_rows_are_those_of_evaluations_and_tell_advice_obedience_and_seconds(finished):
+    session = Session(finished.parent, finished, study="anna")
+    rows = play(session)
+    assert [row["player"] for row in rows].count("human + advice") == 2
+    assert (
+        [row["player"] for row in rows].count("agent")
+        == [row["player"] for row in rows].count("optimum")
+        == 2
+    )
+    evaluator = Evaluator(session.setting)
+    loaded = evaluator.play(session._opened.adviser._agent, checkpoint=0, step=0, deterministic=True)
+    for row in rows:
+        n = len(row["actions"])
+        if row["player"] in ("human", "human + advice"):
+            assert len(row["advice"]) == len(row["obeyed"]) == len(row["seconds"]) == n
+            assert row["obeyed"] == [a == b for a, b in zip(row["advice"], row["actions"], strict=True)]
+            assert min(row["seconds"]) >= 0
+        if row["player"] == "human + advice":
+            assert all(row["obeyed"])
+        if row["player"] == "agent":  # as every trial records it
+            own = loaded[row["eval_episode"]].as_row() | {"episode": row["episode"]}
+            assert {key: row[key] for key in own} == json.loads(json.dumps(own))
+    evaluator.close()
+
+
+def test_study_goes_on_where_it_ended_and_torn_lines_do_no_harm(tmp_path):
+    session = Session(tmp_path, study="anna")
+    while not session.examination.over:
+        session.act(0)
+    path = session.study.folder / records.EVALUATIONS
+    with path.open("a") as file:
+        file.write('{"episode"')
+    session = Session(tmp_path, study="anna")
+    assert session.study.n_done == 1
+    rows = play(session)
+    assert len(rows) == 8 and session.state()["ended"]
+    with pytest.raises(ConfigurationError, match="The study anna is finished"):
+        session.begin()
+
+
+def test_what_would_spoil_a_study_is_refused(tmp_path):
+    session = Session(tmp_path, study="anna")
+    session.act(0)
+    for spoil in (session.begin, session.follow, session.train, lambda: session.choose(hidden=False)):
+        with pytest.raises(ConfigurationError, match="a study"):
+            spoil()
+    state = session.state()
+    assert state["hidden"] and state["balls"] == [] and state["step"] == 1
+    with pytest.raises(ConfigurationError, match="has begun with another"):
+        Session(tmp_path, study="anna", task="fp")
+    for name in ("", "../anna", "a b", "x" * 65, "-a"):
+        with pytest.raises(ConfigurationError, match="the name of a study must be"):
+            Session(tmp_path, study=name)
+
+
+def test_report_and_leaderboard_show_the_rows(finished, tmp_path, capsys):
+    play(Session(finished.parent, finished, study="anna"))
+    table = studies.gather(finished.parent)
+    assert list(table["player"]) == list(studies.PLAYERS) and set(table["episodes"]) == {2}
+    advised, agent = (table[table["player"] == who].iloc[0] for who in (studies.ADVISED, studies.AGENT))
+    assert advised["return"] == pytest.approx(agent["return"]) and advised["obeyed"] == 1
+    assert (
+        cli.main(["leaderboard", "--runs", str(finished.parent), "--leaderboard", str(tmp_path / "board.md")])
+        == 0
+    )
+    board = (tmp_path / "board.md").read_text()
+    assert "## People" in board
+    for who in studies.PLAYERS:
+        assert f"| anna | pp | 0.5 | {who} | 2 |" in board
+    assert (
+        cli.main(["leaderboard", "--leaderboard", str(tmp_path / "board.md")]) == 0
+    )  # from the tables alone
+    assert (tmp_path / "board.md").read_text() == board
+    assert cli.main(["report", str(finished.parent), "--out", str(tmp_path / "r.html"), "--quiet"]) == 0
+    page = (tmp_path / "r.html").read_text()
+    assert "<h3>People</h3>" in page and all(f"<td>{who}</td>" in page for who in studies.PLAYERS)
+
+
+def test_damaged_study_is_named(tmp_path):
+    play(Session(tmp_path, study="anna"))
+    (tmp_path / "study-anna" / "study.json").write_text("{}")
+    with pytest.raises(ConfigurationError, match="study-anna' is not the record of a study"):
+        studies.gather(tmp_path)

@@ -1,0 +1,66 @@
+"""Trials that are added to tables: what counts, what is told, and which seeds are refused."""
+
+import pandas as pd
+import pytest
+from made_tables import made, trial
+
+from usbench.checks import ConfigurationError
+from usbench.results import additions
+
+
+def test_trials_that_are_added_to_tables_give_what_all_together_give():
+    rows = [trial("vpg", 0.5, seed=seed, total_s=float(seed)) for seed in (100, 101, 102)]
+    together = made(*rows)
+    for known, added in ((rows[:1], rows[1:]), (rows[1:], rows[:1])):
+        found = additions.add(made(*known), made(*added)).results
+        pd.testing.assert_frame_equal(found.trials, together.trials)
+        pd.testing.assert_frame_equal(found.curves, together.curves)
+
+
+def test_of_trials_in_both_those_with_other_numbers_are_told():
+    old = [trial("vpg", 0.5, seed=seed) for seed in (100, 101, 102)]
+    new = [trial("vpg", 0.5, seed=100), trial("vpg", 0.6, seed=101), trial("vpg", 0.5, seed=103)]
+    addition = additions.add(made(*old), made(*new))
+    assert (addition.same, addition.other) == ([old[0]["trial"]], [old[1]["trial"]])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "score", "wanted"),
+    [
+        ("finished", "finished", 0.5, "old"),  # the same numbers: nothing is to change
+        ("finished", "finished", 0.6, "new"),
+        ("failed", "finished", 0.5, "new"),
+        ("finished", "failed", 0.5, "old"),
+    ],
+)
+def test_of_a_trial_in_both_the_added_one_counts_if_it_is_finished_and_differs(old, new, score, wanted):
+    known = {
+        "old": made(trial("vpg", 0.5, seed=100, status=old, total_s=1.0)),
+        "new": made(trial("vpg", score, seed=100, status=new, total_s=2.0)),
+    }
+    found = additions.add(known["old"], known["new"]).results
+    pd.testing.assert_frame_equal(found.trials, known[wanted].trials)
+    pd.testing.assert_frame_equal(found.curves, known[wanted].curves, check_dtype=False)
+
+
+def test_what_is_in_a_row_of_its_own_is_told():
+    settings = '{"environment": "e", "gamma": 0.9}'
+    known = made(trial("vpg", seed=100), trial("vpg", seed=101))
+    mine = trial("vpg", seed=100, trial="mine", configuration="00000002", settings=settings)
+    assert additions.add(known, made(mine, trial("ppo", seed=100))).apart == {"mine": "vpg gamma=0.9"}
+
+
+@pytest.mark.parametrize(
+    ("seed", "said"), [(0, "0, which is of the pool for development"), (1003, "search"), (5000, "no pool")]
+)
+def test_new_trial_with_a_seed_of_another_pool_is_refused(seed, said):
+    mine = trial("vpg", seed=seed, trial="mine")
+    with pytest.raises(ConfigurationError, match=f"mine cannot be added: a comparison takes seeds.*{said}"):
+        additions.add(made(trial("vpg", seed=100)), made(mine))
+
+
+def test_seeds_of_known_trials_and_of_agents_that_do_not_learn_are_free():
+    # Tables of earlier versions have seeds from 0 on, and can be verified.
+    known = made(trial("vpg", 0.5, seed=0))
+    addition = additions.add(known, made(trial("vpg", 0.5, seed=0), trial("oracle", 1.0, seed=0)))
+    assert addition.same == [known.trials["trial"][0]] and len(addition.results.trials) == 2

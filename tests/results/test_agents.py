@@ -1,0 +1,62 @@
+"""Which configuration of an algorithm keeps the algorithm's name."""
+
+import json
+
+from made_tables import made, seeds, trial
+
+from usbench.results import agents, verdict
+
+
+def other(score=0.7, gamma=0.9, **changes):
+    """A trial of `vpg` with another discount."""
+    settings = json.dumps({"environment": "e", "gamma": gamma})
+    return trial("vpg", score, settings=settings, configuration="00000002", **changes)
+
+
+def names(*trials):
+    return list(agents.named(made(*trials).trials)["agent"])
+
+
+def test_one_configuration_needs_no_other_name():
+    assert names(trial("vpg"), trial("ppo"), trial("vpg", task="pp")) == ["vpg", "ppo", "vpg"]
+
+
+def test_the_one_that_fills_most_cells_keeps_the_name_even_where_the_other_has_more_trials():
+    grid = [*seeds("vpg", [0.5, 0.6]), *seeds("vpg", [0.5, 0.6], task="pp")]
+    assert names(*grid, *(other(seed=seed) for seed in range(5))) == ["vpg"] * 4 + ["vpg gamma=0.9"] * 5
+
+
+def test_the_one_with_most_trials_keeps_the_name_where_both_fill_the_same_cells():
+    assert names(*seeds("vpg", [0.5, 0.6]), other()) == ["vpg", "vpg", "vpg gamma=0.9"]
+    assert names(trial("vpg"), other(), other(seed=1)) == ["vpg gamma=0.99", "vpg", "vpg"]
+
+
+def test_unfinished_trials_fill_nothing():
+    assert names(trial("vpg"), other(status="failed"), other(seed=1, status="missing"))[0] == "vpg"
+
+
+def test_of_equals_none_keeps_the_name():
+    assert names(trial("vpg"), other()) == ["vpg gamma=0.99", "vpg gamma=0.9"]
+
+
+def test_many_settings_are_a_digest_and_steps_are_one_of_them():
+    settings = {"environment": "e", "gamma": 0.9, "learning_rate": 1e-3, "n_steps": 16}
+    many = trial("vpg", settings=json.dumps(settings), configuration="00000002")
+    short = trial("vpg", steps=64, configuration="00000003")
+    found = names(*seeds("vpg", [0.5, 0.6]), many, short)
+    assert found[3] == "vpg steps=64"
+    assert len(found[2]) == len("vpg 01234567") and "=" not in found[2]
+
+
+def test_papers_tasks_count_apart():
+    exam = [other(task="exam"), other(task="exam", seed=1), trial("vpg", task="exam")]
+    assert names(*seeds("vpg", [0.5, 0.6]), other(), *exam) == [
+        *("vpg", "vpg", "vpg gamma=0.9"),
+        *("vpg", "vpg", "vpg gamma=0.99"),
+    ]
+
+
+def test_a_single_trial_with_other_settings_leaves_the_papers_agent_in_the_verdict():
+    grid = [*seeds("vpg", [0.5, 0.51, 0.52]), *seeds("ppo", [0.9, 0.91, 0.92])]
+    text = verdict.text(made(*grid, other(trial="mine")))
+    assert "`vpg`" in text and "lacks finished trials" not in text

@@ -1,0 +1,154 @@
+"""A study: a fixed list of evaluation episodes, which a person plays with and without an agent's advice.
+
+Every episode is played in both ways. The first half of the study takes the episodes in turn with and without
+advice, the second half the other way round, so that neither way profits from practice alone; which way begins
+depends on the name.
+"""
+
+import hashlib
+import json
+import re
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from usbench.atomic import atomic_file
+from usbench.guide.examination import Examination, Opened
+from usbench.records import EVALUATIONS, ConfigurationError, Evaluation
+from usbench.records.journal import Journal, read_rows
+from usbench.results.studies import ADVISED, AGENT, HUMAN, OPTIMUM, STUDY
+from usbench.setting import Setting
+from usbench.suite import EvaluationEpisode
+
+EPISODES = 8
+
+
+@dataclass(frozen=True)
+class Play:
+    """One episode of a study, and whether the agent's advice is shown in it."""
+
+    episode: EvaluationEpisode
+    advised: bool
+
+
+def plan(name: str, setting: Setting) -> tuple[Play, ...]:
+    """Return what is played, in its order: up to 8 episodes of the evaluation list, each twice."""
+    known = setting.evaluation_episodes()
+    few = min(EPISODES, len(known))
+    chosen = [known[k * len(known) // few] for k in range(few)]
+    first = hashlib.sha256(name.encode()).digest()[0] % 2
+    return tuple(
+        Play(episode, (k + half + first) % 2 == 0) for half in range(2) for k, episode in enumerate(chosen)
+    )
+
+
+class Study:
+    """One person's study; what has been played is on disk, and a study that was ended goes on from there.
+
+    Attributes:
+        plays: All that is played.
+        n_done: How many of `plays` are done.
+    """
+
+    def __init__(self, runs: Path, name: str, setting: Setting, agent: str) -> None:
+        """Begin the study `name` in a folder of `runs`, or go on with it.
+
+        Raises:
+            ConfigurationError: If `name` cannot be that of a folder, or the study has begun otherwise.
+        """
+        if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", name):
+            raise ConfigurationError(
+                f"the name of a study must be of up to 64 letters, digits, '-' and '_', not {name!r}."
+            )
+        self.name, self.setting = name, setting
+        self.folder, self.plays = runs / f"study-{name}", plan(name, setting)
+        record = {"study": name, "task": setting.task, "noise": setting.noise, "agent": agent}
+        self._begin({**record, "anchors": asdict(setting.anchors()), "environment": setting.record()})
+        _cut_torn_line(self.folder / EVALUATIONS)
+        self.n_done = sum(row["player"] in (HUMAN, ADVISED) for row in read_rows(self.folder / EVALUATIONS))
+        self._steps: list[tuple[int | None, bool, float]] = []
+        self._since = time.monotonic()
+
+    @property
+    def now(self) -> Play | None:
+        """What is played now; None if all is done."""
+        return self.plays[self.n_done] if self.n_done < len(self.plays) else None
+
+    @property
+    def words(self) -> str:
+        """Where the study is, in a sentence."""
+        if self.now is None:
+            return f"The study {self.name} is finished. Thank you."
+        way = "with" if self.now.advised else "without"
+        return f"Study {self.name}: episode {self.n_done + 1} of {len(self.plays)}, {way} advice."
+
+    def begin(self) -> None:
+        """An episode begins: nothing is done in it yet."""
+        self._steps, self._since = [], time.monotonic()
+
+    def saw(self, advised: int | None, action: int) -> None:
+        """Note a step: what the agent advised, shown or not, and what the person did."""
+        now = time.monotonic()
+        self._steps.append((advised, action == advised, now - self._since))
+        self._since = now
+
+    def finish(self, examination: Examination, agent: Opened) -> None:
+        """Record an episode that is over, and once for each episode what agent and optimum do in it."""
+        play = self.plays[self.n_done]
+        advised, obeyed, seconds = (list(column) for column in zip(*self._steps, strict=True))
+        told = {"advice": advised, "obeyed": obeyed, "seconds": [round(one, 3) for one in seconds]}
+        rows = [self._row(play, examination, ADVISED if play.advised else HUMAN) | told]
+        if self.n_done < len(self.plays) // 2:
+            for player, opened in ((AGENT, agent), (OPTIMUM, None)):
+                rows.append(self._row(play, self._played(play, opened), player))
+        with Journal(self.folder / EVALUATIONS) as journal:
+            journal.append(rows)
+        self.n_done += 1
+
+    def _played(self, play: Play, agent: Opened | None) -> Examination:
+        """Return the episode as an agent plays it, by default the optimum."""
+        from usbench.guide.agents import open_oracle
+
+        examination = Examination(
+            self.setting, play.episode.seed, agent or open_oracle(self.setting), options=play.episode.options
+        )
+        while not examination.over:
+            examination.follow()
+        return examination
+
+    def _row(self, play: Play, examination: Examination, player: str) -> dict[str, Any]:
+        line = Evaluation(
+            episode=self.n_done,
+            eval_episode=play.episode.number,
+            step=0,
+            checkpoint=0,
+            deterministic=True,
+            **examination.facts,
+        )
+        return line.as_row() | {"player": player}
+
+    def _begin(self, record: dict[str, Any]) -> None:
+        path = self.folder / STUDY
+        if not path.is_file():
+            self.folder.mkdir(parents=True, exist_ok=True)
+            with atomic_file(path) as file:
+                file.write(json.dumps(record, indent=1).encode())
+            return
+        try:
+            before = json.loads(path.read_text(encoding="utf-8"))
+        except ValueError as error:
+            raise ConfigurationError(f"{str(path)!r} is not the record of a study: {error}.") from error
+        if before != json.loads(json.dumps(record)):
+            raise ConfigurationError(
+                f"the study {self.name!r} has begun with another task, noise, agent or imaging: "
+                "choose another name."
+            )
+
+
+def _cut_torn_line(path: Path) -> None:
+    """Take away a last line that a crash left unfinished, so that others can follow."""
+    if path.is_file():
+        content = path.read_bytes()
+        with path.open("r+b") as file:
+            file.truncate(content.rfind(b"\n") + 1)

@@ -1,0 +1,86 @@
+"""Trials that are added to the tables of a leaderboard: which may be, and what becomes of known ones."""
+
+from dataclasses import dataclass
+
+import pandas as pd
+
+from usbench import seed_pools
+from usbench.checks import ConfigurationError
+from usbench.results import agents
+from usbench.results.tables import ORDER, Results
+
+
+@dataclass(frozen=True)
+class Addition:
+    """What came of adding trials.
+
+    Attributes:
+        results: The trials of both.
+        same: Names of finished trials that the tables had already, with the same numbers.
+        other: Names of those with other numbers, which the added ones replace.
+        apart: Names of added trials whose configuration is not that of their algorithm's row, with the name
+            of the row that they are in.
+    """
+
+    results: Results
+    same: list[str]
+    other: list[str]
+    apart: dict[str, str]
+
+
+def add(known: Results, added: Results) -> Addition:
+    """Return the trials of both, and what there is to tell.
+
+    Of a trial that both have, the added one counts if it is finished and has other numbers: that a trial was
+    repeated changes nothing.
+
+    Raises:
+        ConfigurationError: If a trial that is new has a seed that is not kept for comparisons.
+    """
+    _check_seeds(_others(added, known.trials).trials)
+    same, other = repeated(known, added)
+    results = joined(known, _others(added, known.trials[known.trials["trial"].isin(same)]))
+    own = agents.named(results.trials)
+    own = own[own["trial"].isin(added.trials["trial"]) & (own["agent"] != own["algo"])]
+    return Addition(results, same, other, dict(zip(own["trial"], own["agent"], strict=True)))
+
+
+def joined(known: Results, added: Results) -> Results:
+    """Return the trials of both; of one that both have the `added` one, if it is finished."""
+    kept = _others(known, added.trials[added.trials["status"] == "finished"])
+    new = _others(added, kept.trials)
+    trials = pd.concat([kept.trials, new.trials]).sort_values(ORDER, ignore_index=True)
+    place = {name: number for number, name in enumerate(trials["trial"])}
+    curves = pd.concat([kept.curves, new.curves])
+    curves = curves.sort_values("trial", key=lambda names: names.map(place), kind="stable", ignore_index=True)
+    return Results(trials, curves)
+
+
+def repeated(known: Results, added: Results) -> tuple[list[str], list[str]]:
+    """Return the finished trials of both, by name: those with the same numbers, and those with others."""
+    both = known.trials.merge(added.trials, on=[*ORDER, "status"], suffixes=("", "_added"))
+    both = both[both["status"] == "finished"]
+    same: list[str] = []
+    other: list[str] = []
+    for name, name_added in both[["trial", "trial_added"]].itertuples(index=False, name=None):
+        one, two = (
+            table[table["trial"] == trial].drop(columns="trial").reset_index(drop=True)
+            for table, trial in ((known.curves, name), (added.curves, name_added))
+        )
+        (same if one.equals(two) else other).append(name)
+    return same, other
+
+
+def _others(known: Results, trials: pd.DataFrame) -> Results:
+    """Return the results of all trials but `trials`."""
+    own, left_out = (pd.MultiIndex.from_frame(table[ORDER]) for table in (known.trials, trials))
+    return known.of(known.trials[~own.isin(left_out)])
+
+
+def _check_seeds(new: pd.DataFrame) -> None:
+    """Raise ConfigurationError unless every trial that learned has a seed that is kept for comparisons."""
+    for trial, seed in new.loc[new["steps"] > 0, ["trial", "seed"]].itertuples(index=False, name=None):
+        try:
+            seed_pools.own().check("comparison", int(seed))
+        except ConfigurationError as error:
+            raise ConfigurationError(f"{trial} cannot be added: {error}") from None

@@ -1,0 +1,62 @@
+"""Which configuration of an algorithm bears the algorithm's name, where a cell has several."""
+
+import json
+
+import pandas as pd
+
+from usbench.results.tables import digest
+from usbench.tasks import PAPER
+
+# Settings that a name spells out; a name with more of them has a digest in their place.
+SPELLED = 2
+
+
+def named(trials: pd.DataFrame) -> pd.DataFrame:
+    """Return the trials with a column `agent`: the row of the leaderboard to which each belongs.
+
+    An agent is named after its algorithm. Where trials of an algorithm in one cell have several
+    configurations, the one that fills most cells keeps the name, of several such the one with most finished
+    trials; others are named by the settings in which they differ from it, for example "vpg gamma=0.9". Of
+    configurations that fill equally much, none keeps the name. The paper's tasks count apart from others.
+    """
+    names = trials["algo"].copy()
+    for (algo, _), own in trials.groupby([trials["algo"], trials["task"].isin(PAPER)]):
+        if (own.groupby(["task", "noise"])["configuration"].nunique() > 1).any():
+            names.update(_names(str(algo), own))
+    return trials.assign(agent=names)
+
+
+def _names(algo: str, own: pd.DataFrame) -> pd.Series:
+    """Return the names of an algorithm's trials."""
+    # Configurations of two cells are never the same; their settings are.
+    own = own.assign(kind=own["settings"] + own["steps"].map(" {}".format), done=own["status"] == "finished")
+    finished = own[own["done"]]
+    filled = {
+        kind: (len(rows[["task", "noise"]].drop_duplicates()), len(rows))
+        for kind, rows in finished.groupby("kind")
+    }
+    names = pd.Series(algo, index=own.index)
+    for _, cell in own.groupby(["task", "noise"]):
+        found = {name: rows for name, rows in cell.groupby("configuration")}
+        rank = {
+            name: (*filled.get(rows["kind"].iloc[0], (0, 0)), rows["done"].sum())
+            for name, rows in found.items()
+        }
+        first, *others = sorted(found, key=lambda name: rank[name], reverse=True)
+        tied = [name for name in others if rank[name] == rank[first]]
+        for name in others:
+            names[found[name].index] = f"{algo} {_difference(found[name], found[first]) or name}"
+        if tied:
+            names[found[first].index] = f"{algo} {_difference(found[first], found[tied[0]]) or first}"
+    return names
+
+
+def _difference(rows: pd.DataFrame, others: pd.DataFrame) -> str:
+    """Return the settings in which trials of one configuration differ from those of another, in words."""
+    own, other = (
+        json.loads(each["settings"].iloc[0]) | {"steps": each["steps"].iloc[0]} for each in (rows, others)
+    )
+    differing = {key: own.get(key) for key in sorted({*own, *other}) if own.get(key) != other.get(key)}
+    if len(differing) > SPELLED:
+        return digest(differing)
+    return ", ".join(f"{key}={value}" for key, value in differing.items())

@@ -1,0 +1,102 @@
+"""Studies with people: how they did alone and with advice, beside the agent that advised and the optimum.
+
+A study is a folder with `study.json` and `evaluations.jsonl`, whose lines have the format of a trial's
+evaluations and besides `player`, and for people `advice`, `obeyed` and `seconds`, lists over the steps.
+"""
+
+import json
+from pathlib import Path
+
+import pandas as pd
+
+from usbench.anchors import Anchors
+from usbench.atomic import atomic_file
+from usbench.records import EVALUATIONS, ConfigurationError
+from usbench.records.journal import read_rows
+
+STUDY, TABLE = "study.json", "studies.csv"
+HUMAN, ADVISED, AGENT, OPTIMUM = "human", "human + advice", "agent", "optimum"
+PLAYERS = (HUMAN, ADVISED, AGENT, OPTIMUM)
+COLUMNS = (
+    *("study", "task", "noise", "agent", "player", "episodes"),
+    *("return", "score", "success_rate", "obeyed", "seconds_per_step"),
+)
+
+
+def gather(runs: Path) -> pd.DataFrame:
+    """Return a row for each study in `runs` and each of its players; `COLUMNS` are its columns.
+
+    Raises:
+        ConfigurationError: If the record of a study is damaged.
+    """
+    rows = [row for path in sorted(runs.glob(f"*/{STUDY}")) for row in _rows(path.parent)]
+    return pd.DataFrame(rows, columns=list(COLUMNS))
+
+
+def write(known: pd.DataFrame, folder: Path) -> None:
+    """Write the table beside those of a leaderboard; none if there is no study."""
+    if not known.empty:
+        with atomic_file(folder / TABLE) as file:
+            file.write(known.round(6).to_csv(index=False, lineterminator="\n").encode())
+
+
+def read(folder: Path) -> pd.DataFrame:
+    """Return the table that `write` wrote, without rows if there is none."""
+    path = folder / TABLE
+    return pd.read_csv(path) if path.is_file() else pd.DataFrame(columns=list(COLUMNS))
+
+
+def texts(known: pd.DataFrame) -> list[list[str]]:
+    """Return the table in words, a row for each study and player."""
+    return [
+        [
+            *(str(row["study"]), str(row["task"]), f"{row['noise']:g}", str(row["player"])),
+            *(str(row["episodes"]), f"{row['return']:.2f}", f"{row['score']:.2f}"),
+            f"{100 * row['success_rate']:.0f}",
+            "–" if pd.isna(row["obeyed"]) else f"{100 * row['obeyed']:.0f}",
+            "–" if pd.isna(row["seconds_per_step"]) else f"{row['seconds_per_step']:.1f}",
+        ]
+        for row in known.to_dict("records")
+    ]
+
+
+READING = (
+    "Studies of `usbench guide --study`, a row for each player, on the same evaluation episodes: people "
+    "alone and with an agent's advice, the agent that advised (greedy), and the optimum, which knows the "
+    "pose. The score is measured as everywhere here: 0 is a random agent, 1 the mean optimum."
+)
+HEAD = (
+    *("study", "task", "noise", "player", "episodes", "return", "score", "success (%)"),
+    *("advice obeyed (%)", "seconds per step"),
+)
+
+
+def _rows(folder: Path) -> list[dict[str, object]]:
+    try:
+        study = json.loads((folder / STUDY).read_text(encoding="utf-8"))
+        anchors = Anchors(**study["anchors"])
+        played = pd.DataFrame(read_rows(folder / EVALUATIONS))
+        if played.empty:
+            return []
+        return [
+            _row(study, anchors, player, rows)
+            for player in PLAYERS
+            if not (rows := played[played["player"] == player]).empty
+        ]
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise ConfigurationError(f"{str(folder)!r} is not the record of a study: {error}.") from error
+
+
+def _row(study: dict[str, object], anchors: Anchors, player: str, rows: pd.DataFrame) -> dict[str, object]:
+    obeyed = [followed for own in rows["obeyed"] for followed in own] if player == ADVISED else []
+    seconds = [one for own in rows["seconds"] for one in own] if player in (HUMAN, ADVISED) else []
+    return {
+        **{name: study[name] for name in ("study", "task", "noise", "agent")},
+        "player": player,
+        "episodes": len(rows),
+        "return": float(rows["return"].mean()),
+        "score": float(anchors.score(rows["return"].to_numpy(dtype=float)).mean()),
+        "success_rate": float(rows["is_success"].mean()),
+        "obeyed": sum(obeyed) / len(obeyed) if obeyed else None,
+        "seconds_per_step": sum(seconds) / len(seconds) if seconds else None,
+    }
