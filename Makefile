@@ -2,7 +2,6 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-ALGO ?= ppo
 STAMP := $(VENV)/.installed
 
 .PHONY: help run test test-extras test-faults slow lint format typecheck bench-sim bench-vector bench-train compare leaderboard search ceilings figures failures scores docs clean
@@ -68,7 +67,7 @@ compare: $(STAMP)  ## run what is missing of the paper's grid for every algorith
 leaderboard: $(STAMP)  ## write leaderboard.md and its figures again, from leaderboard_files/ alone
 	$(BIN)/usbench leaderboard
 
-search: $(STAMP)  ## choose hyperparameters by the protocol (many hours): of all rows, or make search ALGO=ppo
+search: $(STAMP)  ## choose hyperparameters by the protocol (many hours): of all rows, or of one by make search ALGO=ppo
 	$(BIN)/usbench search $(if $(ALGO),--algo $(ALGO))
 
 bench-sim: $(VENV)/.bench  ## accuracy and speed of the simulator, as a table
