@@ -11,14 +11,19 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
-FOLDERS = {"usbench": "usbench", "usbench.envs": "envs", "usbench.agents": "agents"}
+FOLDERS = {
+    "usbench": "usbench",
+    "usbench.envs": "envs",
+    "usbench.agents": "agents",
+    "usbench.published": "leaderboard_files",
+}
 
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory):
     """A wheel, built from a copy so that the working tree stays clean."""
     source = tmp_path_factory.mktemp("source")
-    for name in ("usbench", "envs", "agents"):
+    for name in FOLDERS.values():
         shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__"))
     for name in ("pyproject.toml", "README.md", "LICENSE", "usbench_command.py"):
         if (ROOT / name).exists():
@@ -60,6 +65,13 @@ def test_wheel_is_typed_licensed_and_has_the_command(wheel):
     assert any(name.endswith("licenses/LICENSE") for name in names)
     (entry_points,) = (name for name in names if name.endswith("entry_points.txt"))
     assert "usbench = usbench_command:main" in wheel.read(entry_points).decode()
+
+
+def test_wheel_holds_the_tables_of_the_committed_leaderboard_and_none_of_its_figures(wheel):
+    held = {name.rpartition("/")[2] for name in wheel.namelist() if name.startswith("usbench/published/")}
+    held.remove("__init__.py")
+    committed = {path.name for path in (ROOT / FOLDERS["usbench.published"]).glob("*.csv")}
+    assert held == committed >= {"trials.csv", "curves.csv"}
 
 
 def test_every_folder_with_modules_is_a_listed_package():

@@ -12,7 +12,7 @@ from usbench import cli, records
 from usbench.compare import plan, protocol, sweep
 from usbench.envs.bmode import Imaging
 from usbench.envs.probe import LinearArray
-from usbench.results import tables
+from usbench.results import published, tables
 from usbench.trials import runner
 from usbench.trials.configuration import resolve
 
@@ -207,11 +207,26 @@ def test_trials_of_a_folder_are_added_to_the_tables(finished, no_figures, tmp_pa
     assert capsys.readouterr().err == ""
 
 
-def test_trials_are_not_added_to_tables_that_are_not_there(finished, here, capsys):
-    assert cli.main(["leaderboard", "--add", str(finished.parent)]) == 1
-    error = capsys.readouterr().err
-    assert "no trials.csv in 'leaderboard_files'" in error and error.count("\n") == 1
-    assert not Path("leaderboard.md").exists()
+def test_without_tables_trials_are_added_to_those_that_come_with_the_package(
+    finished, here, no_figures, capsys
+):
+    committed = tables.read(published.folder()).trials
+    mine = here / "mine" / "other"
+    shutil.copytree(finished, mine)
+    assert cli.main(["leaderboard", "--add", "mine"]) == 2  # a seed that is not kept for comparisons
+    assert "cannot be added" in capsys.readouterr().err and not Path("leaderboard_files").exists()
+    state = read_state(mine)
+    state["config"]["seed"] = 100
+    write_state(mine, state)
+    assert cli.main(["leaderboard", "--add", "mine"]) == 0
+    assert "those of the benchmark's own leaderboard are copied there" in capsys.readouterr().err
+    trials = tables.read(Path("leaderboard_files")).trials
+    assert set(trials["trial"]) == {*committed["trial"], "other"}
+    assert (
+        Path("leaderboard_files/held_out.csv").read_bytes()
+        == (published.folder() / "held_out.csv").read_bytes()
+    )
+    assert tables.read(published.folder()).trials.equals(committed)
 
 
 def test_report_of_nothing_is_refused_in_one_sentence(here, capsys):

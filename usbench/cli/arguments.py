@@ -60,6 +60,13 @@ def add_leaderboard_file(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_runs(parser: argparse.ArgumentParser, what: str = "folder with trials") -> None:
+    """Add the option for the folder of trials that a command reads; `--out` is what it writes."""
+    parser.add_argument(
+        "--runs", type=Path, default=Path("runs"), metavar="DIR", help=f"{what} (default runs)"
+    )
+
+
 def add_sweep(parser: argparse.ArgumentParser) -> None:
     """Add the options of commands that run several trials."""
     parser.add_argument("--jobs", type=number, metavar="N", help="trials at a time (default: all cores)")

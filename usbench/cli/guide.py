@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from usbench.cli.arguments import add_probe_and_imaging, number, probe_and_imaging
+from usbench.cli.arguments import add_probe_and_imaging, add_runs, number, probe_and_imaging
 
 if TYPE_CHECKING:
     from usbench.guide.session import Session
@@ -42,9 +42,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
     guide.add_argument(
         "--seed", type=number, metavar="N", help="seed of the episodes (default: a random one)"
     )
-    guide.add_argument(
-        "--runs", type=Path, default=Path("runs"), metavar="DIR", help="folder with trials (default runs)"
-    )
+    add_runs(guide)
     guide.add_argument(
         "--study",
         metavar="NAME",

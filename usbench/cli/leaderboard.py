@@ -12,6 +12,8 @@ from usbench.cli.arguments import add_leaderboard_file
 if TYPE_CHECKING:
     from usbench.results.tables import Results
 
+FROM_THE_PACKAGE = "no tables in {}: those of the benchmark's own leaderboard are copied there"
+
 
 def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
     """Add the command to the command line; `debug` is what all commands share."""
@@ -21,7 +23,8 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         help="write a leaderboard again, from its tables, from every trial in a folder, or from both",
         description="Write the leaderboard, scores.csv beside it and the figures again, from the tables that "
         "compare left in the folder beside it (leaderboard_files), of several comparisons together, or with "
-        "more trials; no trial is run.",
+        "more trials; no trial is run. Where there are no tables, --add adds to those of the benchmark's own "
+        "leaderboard, which come with the package.",
     )
     source = leaderboard.add_mutually_exclusive_group()
     source.add_argument(
@@ -37,7 +40,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
 def _call(args: argparse.Namespace) -> None:
     """Write a leaderboard and its figures again: of its tables, of a folder's trials, or of both."""
     from usbench.figures import comparison
-    from usbench.results import leaderboard, studies, tables
+    from usbench.results import leaderboard, published, studies, tables
 
     folder = leaderboard.files(args.leaderboard)
     if args.runs is not None or args.add is not None:
@@ -51,8 +54,11 @@ def _call(args: argparse.Namespace) -> None:
             )
             print(told, file=sys.stderr)
         if args.add is not None:
-            known = _added(tables.read(folder), known)
-        tables.write(known, leaderboard.prepare(args.leaderboard))
+            known = _added(tables.read(published.or_own(folder)), known)
+        leaderboard.prepare(args.leaderboard)
+        if args.add is not None and published.bring(folder):
+            print(FROM_THE_PACKAGE.format(folder), file=sys.stderr)
+        tables.write(known, folder)
         studies.write(studies.gather(args.runs or args.add), folder)
     known = tables.read(folder)
     for path in [*leaderboard.write(folder, args.leaderboard), *comparison.write(known, folder)]:

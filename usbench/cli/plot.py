@@ -7,6 +7,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from usbench.cli.arguments import add_runs
+
 EXAMPLES = """examples:
   usbench plot
       the leaderboard's figures of all trials in runs
@@ -14,6 +16,8 @@ EXAMPLES = """examples:
       of one trial, with its learning curve
   usbench plot leaderboard_files --out paper --format pdf
       from the tables that compare left
+  usbench plot published runs
+      of the benchmark's own trials, whose tables come with the package, and of yours
 """
 
 
@@ -28,13 +32,14 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         "of every trial that is named itself.",
     )
     plot.add_argument(
-        "runs",
+        "paths",
         nargs="*",
         type=Path,
-        default=[Path("runs")],
         metavar="RUNS",
-        help="folders of trials, single trials, or the folder of a leaderboard's tables (default runs)",
+        help="folders of trials, single trials, folders of a leaderboard's tables, or published "
+        "(default: that of --runs)",
     )
+    add_runs(plot)
     plot.add_argument("--out", type=Path, default=Path("figures"), help="folder (default figures)")
     plot.add_argument(
         "--format",
@@ -54,5 +59,5 @@ def _call(args: argparse.Namespace) -> None:
     def tell(sentence: str) -> None:
         print(f"left out: {sentence}", file=sys.stderr)
 
-    for path in plots.write(args.runs, args.out, args.formats, tell):
+    for path in plots.write(args.paths or [args.runs], args.out, args.formats, tell):
         print(path)

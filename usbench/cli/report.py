@@ -7,6 +7,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from usbench.cli.arguments import add_runs
+
 
 def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
     """Add the command to the command line; `debug` is what all commands share."""
@@ -18,13 +20,13 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         "actions for each agent and task, look-alike poses, how episodes end, configuration.",
     )
     report.add_argument(
-        "runs",
+        "path",
         nargs="?",
         type=Path,
-        default=Path("runs"),
         metavar="RUNS",
-        help="folder of trials, or a single trial (default runs)",
+        help="folder of trials, or a single trial (default: that of --runs)",
     )
+    add_runs(report)
     report.add_argument(
         "--out", type=Path, default=Path("report.html"), metavar="FILE", help=".html (default report.html)"
     )
@@ -40,5 +42,5 @@ def _call(args: argparse.Namespace) -> None:
         if not args.quiet:
             print(text, file=sys.stderr)
 
-    path = page.write(args.runs, args.out, tell)
+    path = page.write(args.path or args.runs, args.out, tell)
     print(f"{path}: {path.stat().st_size / 1e6:.1f} MB")

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import argparse
 import sys
-from pathlib import Path
 from typing import Any
 
-from usbench.cli.arguments import GOES_ON, add_leaderboard_file
+from usbench.cli.arguments import GOES_ON, add_leaderboard_file, add_runs
+from usbench.cli.leaderboard import FROM_THE_PACKAGE
 
 
 def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
@@ -19,7 +19,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         description="Test every agent of a comparison that was trained on one phantom (fp, pp) on the "
         "evaluation phantoms of the same task with many (fp-random, pp-random), and write the leaderboard "
         "with both side by side: usbench compare --tasks pp pp-random, then this. What was tested is not "
-        "tested again.",
+        "tested again. Trials of your own: usbench leaderboard --add runs, then this.",
     )
     transfer.add_argument(
         "--algos",
@@ -27,13 +27,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="only these (default: all but your own, module:name, whose code is run if they are named)",
     )
-    transfer.add_argument(
-        "--runs",
-        type=Path,
-        default=Path("runs"),
-        metavar="DIR",
-        help="folder with the comparison's trials (default runs)",
-    )
+    add_runs(transfer, "folder with the comparison's trials")
     add_leaderboard_file(transfer)
     transfer.add_argument("--quiet", action="store_true", help="no progress")
     transfer.set_defaults(call=_call, interrupted=GOES_ON)
@@ -42,13 +36,15 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
 def _call(args: argparse.Namespace) -> None:
     """Test agents of one phantom on unseen phantoms, and write the leaderboard again."""
     from usbench.compare import transfer
-    from usbench.results import leaderboard
+    from usbench.results import leaderboard, published
 
     def tell(text: str) -> None:
         if not args.quiet:
             print(text, file=sys.stderr)
 
-    folder = leaderboard.files(args.leaderboard)
+    folder = leaderboard.prepare(args.leaderboard)
+    if published.bring(folder):
+        tell(FROM_THE_PACKAGE.format(folder))
     print(transfer.write(args.runs, folder, tell, args.algos))
     for path in leaderboard.write(folder, args.leaderboard):
         print(path)

@@ -7,7 +7,7 @@ import pandas as pd
 
 from usbench import records
 from usbench.records import ConfigurationError
-from usbench.results import tables
+from usbench.results import published, tables
 from usbench.results.tables import Results
 
 
@@ -15,7 +15,8 @@ def gather(paths: Sequence[Path], damaged: Callable[[str], None] | None = None) 
     """Return the results of all trials in `paths`, each once.
 
     Args:
-        paths: Folders of trials, single trials, or folders of tables that `tables.write` wrote.
+        paths: Folders of trials, single trials, or folders of tables that `tables.write` wrote; "published",
+            where there is no such folder, stands for the tables that come with the package.
         damaged: Told of each trial whose record is broken, which is then left out; without it, an error.
 
     Raises:
@@ -24,7 +25,7 @@ def gather(paths: Sequence[Path], damaged: Callable[[str], None] | None = None) 
     chosen: dict[Path, set[str] | None] = {}  # folder of trials -> names of trials, None for all
     found = []
     try:
-        for path in (path.resolve() for path in paths):
+        for path in (_place(path) for path in paths):
             if (path / tables.TRIALS).exists():
                 found.append(tables.read(path))
             elif (path / records.TRIAL).exists():
@@ -42,6 +43,11 @@ def gather(paths: Sequence[Path], damaged: Callable[[str], None] | None = None) 
         trials.drop_duplicates("trial", ignore_index=True),
         curves.drop_duplicates(["trial", "kind", "step"], ignore_index=True),
     )
+
+
+def _place(path: Path) -> Path:
+    own = path == Path(published.NAME) and not path.exists()
+    return published.folder() if own else path.resolve()
 
 
 def _only(known: Results, names: set[str] | None) -> Results:

@@ -1,0 +1,1 @@
+"""Tables and figures of the committed leaderboard, imported as `usbench.published`."""

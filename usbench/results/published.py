@@ -1,0 +1,29 @@
+"""The tables of the committed leaderboard come with the package: to add to them, nobody needs a clone."""
+
+import shutil
+from importlib import resources
+from pathlib import Path
+
+from usbench.results import tables
+
+# What stands for their folder where a folder of trials or of tables is named.
+NAME = "published"
+
+
+def folder() -> Path:
+    """Return the folder of the tables that come with the package."""
+    return Path(str(resources.files("usbench.published").joinpath(tables.TRIALS))).parent
+
+
+def or_own(own: Path) -> Path:
+    """Return the folder `own` if it holds tables, else that of the tables that come with the package."""
+    return own if (own / tables.TRIALS).exists() else folder()
+
+
+def bring(own: Path) -> bool:
+    """Copy the tables that come with the package into the folder `own`, if it holds none; return whether."""
+    if (own / tables.TRIALS).exists():
+        return False
+    for path in sorted(folder().glob("*.csv")):
+        shutil.copyfile(path, own / path.name)
+    return True
