@@ -37,6 +37,8 @@ def scans(monkeypatch, tmp_path):
     """A cache of this test alone, and the list of what was simulated."""
     from stored import coded_scan
 
+    from usbench.envs import frames
+
     calls = []
 
     def scan(phantom, pose, array, imaging):
@@ -47,7 +49,10 @@ def scans(monkeypatch, tmp_path):
     monkeypatch.setenv("USBENCH_THREADS", "1")  # for the order of the calls
     for module in ("frames", "scanner"):  # one by one, and in batches
         monkeypatch.setattr(f"usbench.envs.{module}.scan", scan)
-    return calls
+    # The stores that the whole process shares must neither have frames of the simulator, nor keep these.
+    frames.frame_store.cache_clear()
+    yield calls
+    frames.frame_store.cache_clear()
 
 
 @pytest.fixture
