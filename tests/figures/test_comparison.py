@@ -13,7 +13,15 @@ GRID = [
     for noise in (0.0, 0.5)
     for row in seeds(algo, [score - noise / 5, score - noise / 4, score], task=task, noise=noise)
 ]
-NAMES = ["scores", "learning_curves", "performance_profiles", "improvement", "figure4", "figure5"]
+NAMES = [
+    "scores",
+    "learning_curves",
+    "learning_curves_cpu",
+    "performance_profiles",
+    "improvement",
+    "figure4",
+    "figure5",
+]
 
 
 def test_every_figure_is_drawn(tmp_path):
@@ -78,6 +86,7 @@ def test_axes_tell_their_units():
         assert draw(known).axes[-1].get_xlabel() == "training steps"
     drawn = comparison.draw(known)
     assert drawn["learning_curves"].axes[-1].get_xlabel() == "training steps"
+    assert drawn["learning_curves_cpu"].axes[-1].get_xlabel() == "minutes of CPU time in training"
     assert "0 random, 1 optimum" in drawn["learning_curves"].get_supylabel()
     assert "0 random, 1 optimum" in drawn["scores"].axes[-1].get_xlabel()
     assert "(mm)" in paper.figure5(known).axes[0].get_ylabel()

@@ -16,7 +16,8 @@ def test_one_trial_in_every_format(finished, tmp_path, capsys):
     out = tmp_path / "new" / "figures"
     assert cli.main(["plot", str(finished), "--out", str(out), "--format", "png", "svg", "pdf"]) == 0
     shown = capsys.readouterr().out.splitlines()
-    names = [f"learning_curve_{finished.name}", "scores", "learning_curves", "performance_profiles"]
+    names = [f"learning_curve_{finished.name}", "scores", "learning_curves", "learning_curves_cpu"]
+    names += ["performance_profiles"]
     names += ["figure4", "figure5"]
     assert shown == [str(out / f"{name}.{kind}") for name in names for kind in ("png", "svg", "pdf")]
     starts = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}

@@ -97,7 +97,7 @@ def test_page_is_whole_and_closed_to_the_outside(runs, tmp_path):
     ids = [attributes["id"] for _, attributes in page.elements if "id" in attributes]
     assert len(ids) == len(set(ids))
     for words in (
-        "Only <code>vpg</code> has finished trials in every cell",
+        "A first look and no ranking: training was cut short",
         "All of 1 trial is finished",
         "return that it costs",
         "out of the object&#39;s plane",

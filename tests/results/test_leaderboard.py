@@ -32,7 +32,7 @@ def test_opens_with_the_answer():
     text = leaderboard.markdown(made(*GRID))
     title, answer = text.split("\n\n")[:2]
     assert title == "# Leaderboard"
-    assert answer.startswith("So far (8 of 9 trials are finished) `ppo` comes closest")
+    assert answer.startswith("So far (8 of 9 trials are finished) a first look and no ranking: 4 seeds")
 
 
 def test_rows_are_ranked_with_reference_policies_last():
@@ -58,7 +58,7 @@ def test_numbers_of_a_row():
         "0.250",
         "2.0",
     ]
-    assert "optimum -5.00 (score 1), random hand -21.00 (score 0), never moving -22.60 (score -0.10)" in text
+    assert "optimum -5.00 (score 1), random agent -21.00 (score 0), idle agent -22.60 (score -0.10)" in text
 
 
 def test_missing_seeds_are_seen_and_named():
@@ -79,24 +79,35 @@ def test_no_number_is_a_dash_and_minus_zero_is_zero():
 
 
 def test_improvement_is_bold_where_it_is_sure():
-    text = leaderboard.markdown(made(*GRID))
+    low, high = [0.1, 0.2, 0.3, 0.4, 0.5], [0.6, 0.7, 0.8, 0.9, 0.95]
+    text = leaderboard.markdown(made(*seeds("vpg", low), *seeds("ppo", high)))
     assert "| `ppo` | – | **1.00** |" in text and "| `vpg` | **0.00** | – |" in text
-    text = leaderboard.markdown(made(*seeds("vpg", [0.1, 0.5]), *seeds("ppo", [0.2, 0.4])))
+    assert "bold where the 95 % interval leaves out one half" in text
+    text = leaderboard.markdown(made(*seeds("vpg", low), *seeds("ppo", low)))
     assert "| `ppo` | – | 0.50 |" in text
+    text = leaderboard.markdown(made(*seeds("vpg", low[:4]), *seeds("ppo", high[:4])))
+    assert "| `ppo` | – | 1.00 |" in text
+
+
+def test_level_of_three_agents_is_for_three_pairs():
+    trials = [*seeds("vpg", [0.1] * 5), *seeds("ppo", [0.2] * 5), *seeds("a2c", [0.3] * 5)]
+    assert "98.33 % interval, which is 1 - 0.05 / 3 for 3 pairs," in leaderboard.markdown(made(*trials))
 
 
 def test_other_tasks_have_a_table_of_their_own():
     exam = [trial(algo, score, task="exam", steps=32_128) for algo, score in (("vpg", 0.2), ("ppo", 0.3))]
     text = leaderboard.markdown(made(*seeds("vpg", [0.5]), *seeds("a2c", [0.6]), *exam))
     headings = lines(text, "## ")
-    assert headings[:4] == [
+    assert headings[:6] == [
         "## The paper's tasks together",
         "## Probability of improvement: the paper's tasks",
+        "## Stability of ranks: the paper's tasks",
         "## The other tasks together",
         "## Probability of improvement: the other tasks",
+        "## Stability of ranks: the other tasks",
     ]
     assert "is not in the table" not in text
-    assert text.split("\n\n")[1].startswith("`a2c` comes closest to the optimum")
+    assert "The highest score over the only cell is that of `a2c`, 0.60" in text.split("\n\n")[1]
 
 
 def test_environments_with_exact_returns_of_their_own_are_said():
@@ -109,7 +120,7 @@ def test_environments_with_exact_returns_of_their_own_are_said():
 def test_anchors_that_differ_by_less_than_is_shown_are_the_same():
     trials = [trial("vpg"), trial("vpg", seed=1, random=-21.00004, stay=-22.59996)]
     text = leaderboard.markdown(made(*trials))
-    assert "Exact returns: optimum -5.00 (score 1), random hand -21.00 (score 0), never moving -22.60" in text
+    assert "Exact returns: optimum -5.00 (score 1), random agent -21.00 (score 0), idle agent -22.60" in text
 
 
 def test_agent_outside_the_table_of_all_cells_is_explained():

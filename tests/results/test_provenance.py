@@ -140,5 +140,6 @@ def test_version_that_only_some_recorded_is_said():
 def test_seeds_that_are_not_kept_for_comparisons_are_said():
     trials = [trial("vpg"), trial("vpg", seed=1000), trial("vpg", seed=100), trial("oracle", seed=5)]
     assert provenance.notes(made(*trials).trials) == [
-        "These seeds are not kept for comparisons, as 100 to 999 are: 0, 1000."
+        "These seeds are not kept for comparisons, as 100 to 999 are: 0, 1000. Trials with such seeds from "
+        "before 2026-11-23 have wall times in place of CPU times."
     ]

@@ -96,27 +96,10 @@ def test_matrix_has_the_seeds_that_are_finished_everywhere():
     }
 
 
-def test_overall_is_sorted_and_ties_go_by_name():
-    known = made(*seeds("vpg", [0.5, 0.5]), *seeds("a2c", [0.5, 0.5]), *seeds("ppo", [0.7, 0.9]))
-    table = scores.overall(scores.matrices(known)[0])
-    assert list(table["agent"]) == ["ppo", "a2c", "vpg"]
-    assert list(table["score"]) == pytest.approx([0.8, 0.5, 0.5])
-    assert list(table["optimality_gap"]) == pytest.approx([0.2, 0.5, 0.5])
-
-
 def test_only_what_learns_is_among_the_learners():
     known = made(trial("vpg"), trial("oracle", 1.0), trial("random", 0.0))
     assert list(scores.matrices(known)[0]) == ["oracle", "random", "vpg"]
     assert list(scores.learners(known)) == ["vpg"]
-
-
-def test_improvement_in_both_directions():
-    table = scores.improvement({"a": np.array([[0.2], [0.6]]), "b": np.array([[0.1], [0.5]])})
-    table = table.set_index(["agent", "other"])
-    assert table["probability"]["a", "b"] == 0.75 and table["probability"]["b", "a"] == 0.25
-    # The interval of one is that of the other, mirrored: sure one way round, sure the other.
-    assert table["low"]["b", "a"] == 1 - table["high"]["a", "b"]
-    assert table["high"]["b", "a"] == 1 - table["low"]["a", "b"]
 
 
 def test_papers_tasks_are_averaged_apart_from_others():
@@ -181,6 +164,7 @@ def test_learning_curves_hold_every_checkpoint_of_what_learns():
     table = scores.learning_curves(made(*seeds("vpg", [0.4, 0.8]), trial("oracle", 1.0)))
     assert list(table["agent"].unique()) == ["vpg"]
     assert list(table["step"]) == [0, 8032, 16064]
+    assert list(table["minutes"]) == [0, 1, 2]
     assert list(table["score"]) == pytest.approx([0.0, 0.3, 0.6])
 
 

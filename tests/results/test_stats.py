@@ -116,6 +116,29 @@ def test_seeds_never_cross_tasks():
     assert (interval.low, interval.estimate, interval.high) == (5.0, 5.0, 5.0)
 
 
+def test_whole_seeds_are_resampled_together():
+    scores = np.array([[0.0, 1.0], [1.0, 0.0]])
+    generator = np.random.default_rng(4)
+    interval = stats.stratified_bootstrap(stats.mean, scores, generator=generator, whole_seeds=True)
+    assert (interval.low, interval.estimate, interval.high) == (0.5, 0.5, 0.5)
+
+
+def test_counts_of_resamples_make_the_improvement_of_these_resamples():
+    generator = np.random.default_rng(8)
+    x, y = generator.integers(4, size=(5, 3)), generator.integers(4, size=(7, 3))
+    of_x, of_y = (stats.draw_counts(len(each), 3, 20, generator) for each in (x, y))
+    assert of_x.shape == (3, 20, 5) and (of_x.sum(axis=2) == 5).all()
+    found = stats.resampled_improvement(x, y, of_x, of_y)
+    for number in range(20):
+        again = [
+            np.stack(
+                [np.repeat(each[:, task], counts[task, number].astype(int)) for task in range(3)], axis=1
+            )
+            for each, counts in ((x, of_x), (y, of_y))
+        ]
+        assert found[number] == pytest.approx(stats.probability_of_improvement(*again))
+
+
 def test_same_generator_same_interval_and_levels_nest():
     def interval(seed, level):
         generator = np.random.default_rng(seed)
@@ -160,6 +183,8 @@ def test_stack_is_refused_by_the_bootstrap():
 def test_different_tasks_are_refused():
     with pytest.raises(ValueError, match="same tasks, not 1 and 2"):
         stats.probability_of_improvement([[1.0]], [[1.0, 2.0]])
+    with pytest.raises(ValueError, match="same tasks, not 1 and 2"):
+        stats.resampled_improvement([[1.0]], [[1.0, 2.0]], np.ones((1, 1, 1)), np.ones((1, 1, 1)))
 
 
 @pytest.mark.parametrize("thresholds", [[], 0.5, [np.nan]])

@@ -9,12 +9,14 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from usbench.figures import paper, style
-from usbench.results import scores, stats
+from usbench.results import ranking, scores, stats
 from usbench.results.agents import named
 from usbench.results.scores import SCORED, Cell
 from usbench.results.tables import Results
 
 SCORE = "normalised score (0 random, 1 optimum)"
+# What learning curves are drawn over, by the column of `scores.learning_curves`.
+OVER = {"step": "training steps", "minutes": "minutes of CPU time in training"}
 N_THRESHOLDS = 141
 WIDEST = 3  # panels beside each other
 Looks = Mapping[str, dict[str, Any]]
@@ -46,7 +48,9 @@ def draw(known: Results) -> dict[str, Figure | None]:
     for part, own in scores.parts(known).items():
         prefix = "other_" if part == scores.OTHERS else ""
         drawn[f"{prefix}scores"] = final_scores(own, looks)
-        drawn[f"{prefix}learning_curves"] = learning_curves(own, looks)
+        curves = scores.learning_curves(own)
+        drawn[f"{prefix}learning_curves"] = learning_curves(curves, looks)
+        drawn[f"{prefix}learning_curves_cpu"] = learning_curves(curves, looks, over="minutes")
         drawn[f"{prefix}performance_profiles"] = performance_profiles(own, looks)
         drawn[f"{prefix}improvement"] = improvement(own)
     return drawn | {"figure4": paper.figure4(known), "figure5": paper.figure5(known)}
@@ -87,20 +91,22 @@ def final_scores(known: Results, looks: Looks) -> Figure | None:
     return figure
 
 
-def learning_curves(known: Results, looks: Looks) -> Figure | None:
-    """Draw the score over training steps in every cell, with its interval."""
-    table = scores.learning_curves(known)
+def learning_curves(table: pd.DataFrame, looks: Looks, over: str = "step") -> Figure | None:
+    """Draw the score in every cell with its interval, over training steps or, for "minutes", CPU time.
+
+    `table` is what `scores.learning_curves` gives.
+    """
     if table.empty:
         return None
-    figure, cells = _cell_panels(table, "training steps", sharey=True)
+    figure, cells = _cell_panels(table, OVER[over], sharey=True)
     handles = {}
     for cell, axis in cells.items():
         own = table[(table["task"] == cell[0]) & (table["noise"] == cell[1])]
         for agent, rows in own.groupby("agent"):
             look = looks[str(agent)]
-            handles[str(agent)] = axis.plot(rows["step"], rows["score"], markersize=4, **look)[0]
+            handles[str(agent)] = axis.plot(rows[over], rows["score"], markersize=4, **look)[0]
             band = (rows["score_low"], rows["score_high"])
-            axis.fill_between(rows["step"], *band, color=look["color"], alpha=0.12, linewidth=0)
+            axis.fill_between(rows[over], *band, color=look["color"], alpha=0.12, linewidth=0)
         for anchor, line in ((0, ":"), (1, "-.")):
             axis.axhline(anchor, color="black", linestyle=line, linewidth=1)
         axis.locator_params(axis="x", nbins=5)
@@ -141,13 +147,14 @@ def improvement(known: Results) -> Figure | None:
     matrices = scores.learners(known)
     if len(matrices) < 2:
         return None
-    ranked = list(scores.overall(matrices)["agent"])
-    pairs = scores.improvement(matrices)
+    ranked = list(ranking.overall(matrices)["agent"])
+    pairs = ranking.improvement(matrices)
     better = pairs["agent"].map(ranked.index) < pairs["other"].map(ranked.index)
     pairs = pairs[better].sort_values("probability", kind="stable")
     figure, axes = style.panels(1, 1, width=6.5, height=0.6 + 0.26 * len(pairs))
     axis = axes[0, 0]
     for height, pair in enumerate(pairs.itertuples()):
+        axis.plot([pair.sure_low, pair.sure_high], [height, height], color=style.COLORS[0], linewidth=1)
         axis.plot([pair.low, pair.high], [height, height], color=style.COLORS[0], alpha=0.5, **BAR)
         sure = "none" if np.isnan(pair.low) else "full"
         axis.plot(pair.probability, height, "o", color="black", fillstyle=sure, markersize=5)
@@ -155,7 +162,9 @@ def improvement(known: Results) -> Figure | None:
     axis.set_yticks(range(len(pairs)), pairs["agent"] + " > " + pairs["other"])
     axis.set_xlim(-0.02, 1.02)
     hollow = " (hollow: one seed, none)" if pairs["low"].isna().any() else ""
-    axis.set_xlabel(f"probability of improvement, 95 % bootstrap interval{hollow}")
+    level = 100 * ranking.corrected_level(len(matrices))
+    thin = f"\n(thin: {level:.4g} %, for all pairs together)" if pairs["sure_low"].notna().any() else ""
+    axis.set_xlabel(f"probability of improvement, 95 % bootstrap interval{hollow}{thin}")
     return figure
 
 

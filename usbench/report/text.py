@@ -12,6 +12,7 @@ from usbench.results.tables import Results
 CAPTIONS = {
     "together": "normalised scores, without unit",
     "Probability of improvement": "probability that the agent of a row beats that of a column",
+    "Stability of ranks": "ranks, without unit",
 }
 _HEADING = re.compile(r"^## (.+)$", re.MULTILINE)
 # Nothing that could lead out of the page: names and reasons in records may be a stranger's.

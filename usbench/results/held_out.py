@@ -9,7 +9,7 @@ import pandas as pd
 from usbench import records, tasks
 from usbench.anchors import Anchors
 from usbench.atomic import atomic_file
-from usbench.results import scores
+from usbench.results import scores, stats
 from usbench.results.agents import named
 from usbench.results.scores import SCORED
 from usbench.results.tables import DECIMALS, Results
@@ -70,6 +70,26 @@ def table(known: Results, tested: pd.DataFrame) -> pd.DataFrame:
         "many": own[own["task"].isin(MANY.values())],
     }
     return pd.DataFrame(_rows(parts), columns=[*KEYS, *_columns(parts), "gap"])
+
+
+def by_task(known: Results, tested: pd.DataFrame) -> pd.DataFrame:
+    """Return a row per task on one phantom and agent: its IQM `there`, and `elsewhere` on unseen phantoms.
+
+    It is over all noises and seeds that were tested.
+    """
+    last = known.curves[known.curves["kind"] == SCORED].groupby("trial").tail(1)
+    own = named(known.trials[known.trials["steps"] > 0])
+    own = own.merge(last[["trial", "normalized_score"]], on="trial")
+    both = own.merge(tested[["trial", "normalized_score"]], on="trial", suffixes=("", "_elsewhere"))
+    rows = [
+        {
+            **dict(zip(("task", "agent"), key, strict=True)),
+            "there": float(stats.iqm(rows[["normalized_score"]])),
+            "elsewhere": float(stats.iqm(rows[["normalized_score_elsewhere"]])),
+        }
+        for key, rows in both.groupby(["task", "agent"])
+    ]
+    return pd.DataFrame(rows, columns=["task", "agent", "there", "elsewhere"])
 
 
 def _columns(parts: dict[str, pd.DataFrame]) -> list[str]:

@@ -1,23 +1,19 @@
 """Results in, `leaderboard.md` and `scores.csv` out: same results, same bytes."""
 
-from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from usbench.anchors import Anchors
 from usbench.atomic import atomic_file
 from usbench.records import ConfigurationError
-from usbench.results import held_out, provenance, scores, stats, studies, tables, verdict
-from usbench.results.agents import named
+from usbench.results import held_out, provenance, ranking, scores, studies, tables, text, together, verdict
 from usbench.results.scores import CELL, ROW, SCORED, Cell
 from usbench.results.tables import SAMPLED, Results
+from usbench.results.text import DASH
 from usbench.tasks import row_of
 
 SCORES = "scores.csv"
-DASH = "–"
 # Title, column of `scores.cells`, factor, digits.
 COLUMNS = (
     ("return", "return", 1, 2),
@@ -29,18 +25,19 @@ COLUMNS = (
 )
 
 READING = """\
-The normalised score is (return - random) / (optimal - random), with exact anchors: 0 is a random hand, 1
+The normalised score is (return - random) / (optimal - random), with exact anchors: 0 is a random agent, 1
 the optimum. It is the interquartile mean (IQM) over seeds after the last training step, with the 95 %
-stratified bootstrap interval; such intervals are too narrow with fewer than ten seeds. All agents meet the
-same evaluation episodes with the same draws of noise, and the intervals are for these: the optimum is that
-of all draws, and the row of the oracle says what it reaches in them. Every agent takes its most probable
-action ("greedy"): value-based agents have no other policy of their own, and advice should be the best there
-is. The score with drawn actions stands beside it, where there are probabilities to draw with. Other columns
-are means over seeds and evaluation episodes, so that a single collapsed seed shows there rather than in
-the score. The plane error is counted modulo 180 degrees; success means that the last pose is the goal (in
-`setup`, that the cyst's contrast-to-noise ratio is at least 2); an episode that never reaches the goal counts
-with all the steps it could have had in "steps to goal". The area under the learning curve is the mean score
-over training, by the trapezoid rule. A dash stands where a column says nothing about a task."""
+stratified bootstrap interval; such intervals are too narrow with few seeds (docs/comparison.md says how
+much). All agents meet the same evaluation episodes with the same draws of noise, and the intervals are for
+these: the optimum is that of all draws, and the row of the oracle says what it reaches in them. Every
+agent takes its most probable action ("greedy"): value-based agents have no other policy of their own, and
+advice should be the best there is. The score with sampled actions stands beside it, where there are
+probabilities to draw from. Other columns are means over seeds and evaluation episodes, so that a single
+collapsed seed shows there rather than in the score. The plane error is counted modulo 180 degrees; success
+means that the last pose is the goal (in `setup`, that the cyst's contrast-to-noise ratio is at least 2);
+an episode that never reaches the goal counts with all the steps it could have had in "steps to goal". The
+area under the learning curve is the mean score over training, by the trapezoid rule. Training time is CPU
+time. A dash stands where a column says nothing about a task."""
 
 
 def files(path: Path) -> Path:
@@ -80,25 +77,20 @@ def write(folder: Path, path: Path) -> list[Path]:
         path: markdown(known, held_out.read(folder), studies.read(folder)),
         path.with_name(SCORES): table,
     }
-    for name, text in written.items():
+    for name, content in written.items():
         with atomic_file(name) as file:
-            file.write(text.encode())
+            file.write(content.encode())
     return list(written)
 
 
 def markdown(known: Results, tested: pd.DataFrame | None = None, studied: pd.DataFrame | None = None) -> str:
     """Return the leaderboard as Markdown; `tested` and `studied` are what `held_out` and `studies` read."""
-    parts, notes = ["# Leaderboard", verdict.text(known), READING], []
+    parts, notes = ["# Leaderboard", verdict.text(known, tested), READING], []
     for name, own in scores.parts(known).items():
-        matrices, reasons = scores.matrices(own)
-        learners = scores.learners(own)
-        if matrices:
-            parts += [f"## {name[0].upper()}{name[1:]} together", _overall(own.trials, matrices)]
-        if len(learners) > 1:
-            where = "" if name == scores.ALL else f": {name}"
-            parts += [f"## Probability of improvement{where}", _improvement(learners)]
+        parts += together.sections(own, name, ranking.improvement(scores.learners(own)))
         notes += [
-            f"`{agent}` is not in the table of {name}: {why}." for agent, why in sorted(reasons.items())
+            f"`{agent}` is not in the table of {name}: {why}."
+            for agent, why in sorted(scores.matrices(own)[1].items())
         ]
     trials_of = dict(iter(known.trials.groupby(CELL)))
     for cell, rows in scores.cells(known).groupby(CELL):
@@ -120,47 +112,6 @@ def _studies(studied: pd.DataFrame) -> str:
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
-def _overall(trials: pd.DataFrame, matrices: Mapping[str, stats.Array]) -> str:
-    """Return the table of all cells together: those that learn first, then reference policies, best first."""
-    table = scores.overall(matrices)
-    fixed = table["agent"].map(named(trials).groupby("agent")["steps"].max()) == 0
-    asked = np.where(fixed, table["seeds"], scores.seeds_asked(trials))
-    table = table.assign(fixed=fixed, asked=asked).sort_values("fixed", kind="stable")
-    rows = [
-        [
-            _agent(row.agent, not row.fixed),
-            f"{row.seeds}/{row.asked}",
-            _interval(row.score, row.score_low, row.score_high),
-            *(_number(value, 3) for value in (row.median, row.mean, row.optimality_gap)),
-        ]
-        for row in table.itertuples()
-    ]
-    n_cells = next(iter(matrices.values())).shape[1]
-    title = "1 cell" if n_cells == 1 else f"{n_cells} cells (task and noise)"
-    return f"Scores over {title}, of the seeds that are finished in all of them.\n\n" + _table(
-        ["agent", "seeds", "score (IQM)", "median", "mean", "optimality gap"], rows
-    )
-
-
-def _improvement(matrices: Mapping[str, stats.Array]) -> str:
-    """Return the matrix of probabilities that a row's agent beats a column's."""
-    pairs = scores.improvement(matrices).set_index(["agent", "other"])
-    rows = []
-    for algo in matrices:
-        cells = []
-        for other in matrices:
-            pair = None if algo == other else pairs.loc[(algo, other)]
-            sure = pair is not None and (pair["low"] > 0.5 or pair["high"] < 0.5)
-            mark = "**" if sure else ""
-            cells.append(DASH if pair is None else f"{mark}{_number(pair['probability'], 2)}{mark}")
-        rows.append([f"`{algo}`", *cells])
-    return (
-        "How likely a trial of the row's agent has a higher score than one of the column's in a cell, ties "
-        "counting half; bold where the 95 % interval leaves out 0.5.\n\n"
-        + _table(["", *(f"`{algo}`" for algo in matrices)], rows)
-    )
-
-
 def _anchors(trials: pd.DataFrame) -> str:
     """Return the exact returns of a cell in a sentence."""
     known = trials.dropna(subset=["optimal", "random", "stay"])
@@ -171,9 +122,9 @@ def _anchors(trials: pd.DataFrame) -> str:
         return "The trials are from different environments: each has exact returns of its own."
     anchors = Anchors(**known.iloc[0][["optimal", "random", "stay"]])
     return (
-        f"Exact returns: optimum {_number(anchors.optimal, 2)} (score 1), random hand "
-        f"{_number(anchors.random, 2)} (score 0), never moving {_number(anchors.stay, 2)} "
-        f"(score {_number(anchors.score(anchors.stay), 2)})."
+        f"Exact returns: optimum {text.number(anchors.optimal, 2)} (score 1), random agent "
+        f"{text.number(anchors.random, 2)} (score 0), idle agent {text.number(anchors.stay, 2)} "
+        f"(score {text.number(anchors.score(anchors.stay), 2)})."
     )
 
 
@@ -188,32 +139,34 @@ def _cell(rows: pd.DataFrame) -> str:
         other = sampled.loc[tuple(row[name] for name in ROW)]
         lines.append(
             [
-                _agent(row["agent"], not row["fixed"]),
+                text.agent(row["agent"], not row["fixed"]),
                 f"{row['seeds']}/{row['seeds_asked']}",
-                _interval(row["score"], row["score_low"], row["score_high"]),
-                _interval(other["score"], other["score_low"], other["score_high"]),
+                text.interval(row["score"], row["score_low"], row["score_high"]),
+                text.interval(other["score"], other["score_low"], other["score_high"]),
                 *(
-                    DASH if name in row_of(row["task"]).silent else _number(scale * row[name], digits)
+                    DASH if name in row_of(row["task"]).silent else text.number(scale * row[name], digits)
                     for _, name, scale, digits in COLUMNS
                 ),
-                DASH if row["fixed"] else _number(row["training_minutes"], 1),
+                DASH if row["fixed"] else text.number(row["training_minutes"], 1),
             ]
         )
     numbers = [title for title, *_ in COLUMNS]
-    return _table(["agent", "seeds", "score, greedy", "score, drawn", *numbers, "training (min)"], lines)
+    return text.table(
+        ["agent", "seeds", "score, greedy", "score, sampled", *numbers, "training (CPU min)"], lines
+    )
 
 
 def _unseen(table: pd.DataFrame) -> str:
     """Return the table of agents trained on one phantom and on many, tested on unseen phantoms."""
     rows = [
         [
-            _agent(row["agent"], learns=True),
+            text.agent(row["agent"], learns=True),
             Cell(row["task"], row["noise"]).name,
             *(
-                _interval(row[part], row[f"{part}_low"], row[f"{part}_high"])
+                text.interval(row[part], row[f"{part}_low"], row[f"{part}_high"])
                 for part in ("seen", "one", "many")
             ),
-            _number(row["gap"], 3),
+            text.number(row["gap"], 3),
             f"{row['one_seeds']} and {row['many_seeds']}",
         ]
         for row in table.to_dict("records")
@@ -223,26 +176,5 @@ def _unseen(table: pd.DataFrame) -> str:
         "Scores (IQM) with greedy actions of agents that were trained on one phantom or on many: those of "
         "one there, and both on the same phantoms that none of them has met. The gap is what training on "
         "many brings there; where the task with many has other starts (pp), it holds what these bring, too. "
-        "Written by `usbench transfer`.\n\n" + _table(head, rows)
+        "Written by `usbench transfer`.\n\n" + text.table(head, rows)
     )
-
-
-def _agent(algo: str, learns: bool) -> str:
-    return f"`{algo}`" if learns else f"`{algo}` (not learned)"
-
-
-def _interval(value: float, low: float, high: float) -> str:
-    if pd.isna(low):
-        return _number(value, 3)
-    return f"{_number(value, 3)} [{_number(low, 3)}, {_number(high, 3)}]"
-
-
-def _number(value: Any, digits: int) -> str:
-    """Return a number with fixed digits, never -0; a dash where there is none."""
-    return DASH if pd.isna(value) else f"{round(float(value), digits) + 0.0:.{digits}f}"
-
-
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a Markdown table; columns after the first are aligned to the right."""
-    lines = [head, ["---", *["---:"] * (len(head) - 1)], *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)

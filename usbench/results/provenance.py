@@ -158,7 +158,10 @@ def _pools(trials: pd.DataFrame) -> list[str]:
     others = sorted({seed for seed in trials.loc[trials["steps"] > 0, "seed"] if seed not in pool})
     if not others:
         return []
-    return [f"These seeds are not kept for comparisons, as {pool} are: {', '.join(map(str, others))}."]
+    return [
+        f"These seeds are not kept for comparisons, as {pool} are: {', '.join(map(str, others))}. Trials "
+        "with such seeds from before 2026-11-23 have wall times in place of CPU times."
+    ]
 
 
 def _versions(finished: pd.DataFrame) -> list[str]:

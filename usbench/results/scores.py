@@ -6,8 +6,6 @@ gets the best advice. Unfinished trials are counted, never averaged in.
 """
 
 import json
-from collections.abc import Mapping
-from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -101,7 +99,13 @@ def cells(results: Results) -> pd.DataFrame:
 
 
 def matrices(results: Results, kind: str = SCORED) -> tuple[dict[str, stats.Array], dict[str, str]]:
-    """Return the final scores `(n_seeds, n_cells)` of the agents, and why others have none.
+    """Return the final scores `(n_seeds, n_cells)` of the agents, and why others have none: see `finals`."""
+    found, reasons = finals(results, kind)
+    return {agent: table.to_numpy(np.float64) for agent, table in found.items()}, reasons
+
+
+def finals(results: Results, kind: str = SCORED) -> tuple[dict[str, pd.DataFrame], dict[str, str]]:
+    """Return the final scores of the agents, a row per seed and a column per cell, and why others have none.
 
     Cells are those of agents that learn, in order. The seeds of an agent are those that are finished in all
     of them. There are none where the trials of a cell are from different environments.
@@ -117,7 +121,7 @@ def matrices(results: Results, kind: str = SCORED) -> tuple[dict[str, stats.Arra
     wanted = cells_of(learning if len(learning) else trials)
     final = results.curves[results.curves["kind"] == kind].groupby("trial").tail(1)
     final = trials.merge(final[["trial", "normalized_score"]], on="trial")
-    found: dict[str, stats.Array] = {}
+    found: dict[str, pd.DataFrame] = {}
     reasons: dict[str, str] = {}
     for agent in sorted(set(trials["agent"])):
         table = final[final["agent"] == agent].pivot(index="seed", columns=CELL, values="normalized_score")
@@ -129,65 +133,36 @@ def matrices(results: Results, kind: str = SCORED) -> tuple[dict[str, stats.Arra
         elif table.empty:
             reasons[agent] = "no seed is finished in every cell"
         else:
-            found[agent] = table.to_numpy(np.float64)
+            found[agent] = table
     return found, reasons
 
 
 def learners(results: Results) -> dict[str, stats.Array]:
     """Return the matrices of the agents that learn."""
+    return {agent: table.to_numpy(np.float64) for agent, table in finals_of_learners(results).items()}
+
+
+def finals_of_learners(results: Results) -> dict[str, pd.DataFrame]:
+    """Return the final scores of the agents that learn, as `finals` does."""
     trials = named(results.trials)
     learning = set(trials.loc[trials["steps"] > 0, "agent"])
-    return {agent: matrix for agent, matrix in matrices(results)[0].items() if agent in learning}
-
-
-def overall(scores: Mapping[str, stats.Array]) -> pd.DataFrame:
-    """Return a row per agent: `seeds`, `score` (IQM) with its interval, and other metrics; best first."""
-    rows = [
-        {
-            "agent": agent,
-            "seeds": len(matrix),
-            **score_of(matrix),
-            "median": float(stats.median(matrix)),
-            "mean": float(stats.mean(matrix)),
-            "optimality_gap": float(stats.optimality_gap(matrix)),
-        }
-        for agent, matrix in scores.items()
-    ]
-    columns = ["agent", "seeds", *_NO_SCORE, "median", "mean", "optimality_gap"]
-    table = pd.DataFrame(rows, columns=columns)
-    return table.sort_values(["score", "agent"], ascending=[False, True], ignore_index=True)
-
-
-def improvement(scores: Mapping[str, stats.Array]) -> pd.DataFrame:
-    """Return a row per ordered pair: `probability` that `agent` beats `other` in a cell, `low`, `high`."""
-    rows = []
-    for agent, other in combinations(scores, 2):
-        interval = stats.stratified_bootstrap(
-            stats.probability_of_improvement,
-            scores[agent],
-            scores[other],
-            generator=np.random.default_rng(BOOTSTRAP_SEED),
-        )
-        alone = min(len(scores[agent]), len(scores[other])) == 1
-        low, high = (np.nan, np.nan) if alone else (float(interval.low), float(interval.high))
-        rows.append((agent, other, float(interval.estimate), low, high))
-        # The same samples: what is sure one way round is sure the other.
-        rows.append((other, agent, 1 - float(interval.estimate), 1 - high, 1 - low))
-    return pd.DataFrame(rows, columns=["agent", "other", "probability", "low", "high"])
+    return {agent: table for agent, table in finals(results)[0].items() if agent in learning}
 
 
 def learning_curves(results: Results, kind: str = SCORED) -> pd.DataFrame:
     """Return the `score` over seeds with its interval at every evaluation point, a row for each.
 
-    Trainings only: an agent that does not learn has no curve.
+    `minutes` is the mean time of training up to there, if each step takes as long as any other: a trial
+    records the time of all its training. Trainings only: an agent that does not learn has no curve.
     """
     table = results.curves[results.curves["kind"] == kind].merge(named(results.trials), on="trial")
+    table = table.assign(minutes=table["training_s"] / 60 * table["step"] / table["steps"].clip(lower=1))
     keys = [*CELL, "agent", "step"]
     rows = []
     for row, own in table[table["steps"] > 0].groupby(keys):
         matrix = own["normalized_score"].to_numpy(np.float64)[:, np.newaxis]
-        rows.append(dict(zip(keys, row, strict=True)) | score_of(matrix))
-    return pd.DataFrame(rows, columns=[*keys, *_NO_SCORE])
+        rows.append(dict(zip(keys, row, strict=True)) | {"minutes": own["minutes"].mean()} | score_of(matrix))
+    return pd.DataFrame(rows, columns=[*keys, "minutes", *_NO_SCORE])
 
 
 def seeds_asked(trials: pd.DataFrame) -> int:
@@ -212,9 +187,9 @@ def _numbers(curves: pd.DataFrame, last: pd.DataFrame) -> dict[str, float]:
     }
 
 
-def score_of(matrix: stats.Array) -> dict[str, float]:
-    """Return the IQM and its interval; a single seed has none."""
+def score_of(matrix: stats.Array, whole_seeds: bool = False) -> dict[str, float]:
+    """Return the IQM and its interval, seeds drawn for each cell or whole; a single seed has none."""
     generator = np.random.default_rng(BOOTSTRAP_SEED)
-    interval = stats.stratified_bootstrap(stats.iqm, matrix, generator=generator)
+    interval = stats.stratified_bootstrap(stats.iqm, matrix, generator=generator, whole_seeds=whole_seeds)
     low, high = (interval.low, interval.high) if len(matrix) > 1 else (np.nan, np.nan)
     return {"score": float(interval.estimate), "score_low": float(low), "score_high": float(high)}

@@ -74,8 +74,7 @@ def probability_of_improvement(x: npt.ArrayLike, y: npt.ArrayLike) -> Array:
         ValueError: If the two do not have the same number of tasks.
     """
     x, y = _matrix(x), _matrix(y)
-    if x.shape[-1] != y.shape[-1]:
-        raise ValueError(f"x and y must have the same tasks, not {x.shape[-1]} and {y.shape[-1]} of them.")
+    _check_same_tasks(x, y)
     difference = x[..., :, np.newaxis, :] - y[..., np.newaxis, :, :]
     return np.asarray((np.sign(difference) + 1).mean(axis=(-3, -2, -1)) / 2)
 
@@ -100,6 +99,7 @@ def stratified_bootstrap(
     generator: np.random.Generator,
     n_resamples: int = N_RESAMPLES,
     level: float = LEVEL,
+    whole_seeds: bool = False,
 ) -> Interval:
     """Return `metric(*scores)` with its percentile interval, resampling the seeds of each task by themselves.
 
@@ -109,6 +109,7 @@ def stratified_bootstrap(
         generator: Source of the resamples; one in the same state gives the same interval.
         n_resamples: Number of resamples.
         level: Probability that the interval is to cover, between 0 and 1.
+        whole_seeds: Resample rows of the matrices, the same seeds for all tasks.
 
     Raises:
         TypeError: If `generator` is not a NumPy generator.
@@ -118,16 +119,59 @@ def stratified_bootstrap(
         raise TypeError(f"generator must be a numpy.random.Generator, not {type(generator).__name__}.")
     if not n_resamples >= 1:
         raise ValueError(f"n_resamples must be at least 1, not {n_resamples!r}.")
+    matrices = [_single(matrix) for matrix in scores]
+    resampled = metric(*(_resample(matrix, n_resamples, generator, whole_seeds) for matrix in matrices))
+    return percentiles(metric(*matrices), resampled, level)
+
+
+def percentiles(estimate: Array, resampled: Array, level: float = LEVEL) -> Interval:
+    """Return an estimate with the interval that holds a share `level` of its resamples `(n_resamples, ...)`.
+
+    Raises:
+        ValueError: If `level` is not between 0 and 1.
+    """
     if not 0 < level < 1:
         raise ValueError(f"level must be between 0 and 1, not {level!r}.")
-    matrices = [_single(matrix) for matrix in scores]
-    resampled = metric(*(_resample(matrix, n_resamples, generator) for matrix in matrices))
     low, high = np.percentile(resampled, [50 * (1 - level), 50 * (1 + level)], axis=0)
-    return Interval(metric(*matrices), np.asarray(low), np.asarray(high))
+    return Interval(estimate, np.asarray(low), np.asarray(high))
 
 
-def _resample(matrix: Array, n_resamples: int, generator: np.random.Generator) -> Array:
-    """Return matrices `(n_resamples, n_seeds, n_tasks)`: each task's seeds drawn with replacement."""
+def draw_counts(n_seeds: int, n_tasks: int, n_resamples: int, generator: np.random.Generator) -> Array:
+    """Return how often each seed is in each resample of each task, `(n_tasks, n_resamples, n_seeds)`."""
+    drawn = generator.integers(n_seeds, size=(n_tasks * n_resamples, n_seeds))
+    drawn += np.arange(0, drawn.size, n_seeds)[:, np.newaxis]
+    counts = np.bincount(drawn.ravel(), minlength=drawn.size)
+    return counts.reshape(n_tasks, n_resamples, n_seeds).astype(np.float64)
+
+
+def resampled_improvement(x: npt.ArrayLike, y: npt.ArrayLike, of_x: Array, of_y: Array) -> Array:
+    """Return `probability_of_improvement` of each resample, `(n_resamples,)`.
+
+    Who beats whom is decided once for each pair of trials, and the resamples, as `draw_counts` gives them,
+    only count: 50 000 of two matrices (10, 6) take 0.1 s, and 3 s through `stratified_bootstrap`.
+
+    Raises:
+        ValueError: If the two do not have the same number of tasks.
+    """
+    x, y = _single(x), _single(y)
+    _check_same_tasks(x, y)
+    wins = (np.sign(x.T[:, :, np.newaxis] - y.T[:, np.newaxis, :]) + 1) / 2  # (n_tasks, n_seeds, n_seeds)
+    # Counts and halves are exact, so that the order of the sums, and with it the processor, does not matter.
+    total = np.zeros(of_x.shape[1])
+    for own, other, won in zip(of_x, of_y, wins, strict=True):
+        total += ((own @ won) * other).sum(axis=1)
+    return total / wins.size
+
+
+def _check_same_tasks(x: Array, y: Array) -> None:
+    if x.shape[-1] != y.shape[-1]:
+        raise ValueError(f"x and y must have the same tasks, not {x.shape[-1]} and {y.shape[-1]} of them.")
+
+
+def _resample(matrix: Array, n_resamples: int, generator: np.random.Generator, whole_seeds: bool) -> Array:
+    """Return matrices `(n_resamples, n_seeds, n_tasks)`: seeds drawn for each task, or whole."""
+    if whole_seeds:
+        return matrix[generator.integers(len(matrix), size=(n_resamples, len(matrix)))]
     drawn = generator.integers(len(matrix), size=(n_resamples, *matrix.shape))
     return np.take_along_axis(matrix[np.newaxis], drawn, axis=1)
 

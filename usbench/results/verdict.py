@@ -1,112 +1,186 @@
-"""The verdict of the results on the paper's question: do other methods do better than its policy gradient?"""
+"""The verdict of the results on the paper's question: do other methods do better than its policy gradient?
 
-from collections.abc import Sequence
+One agent lies above another by one rule, `ranking.above`; no sentence says more than that rule does.
+"""
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
 
 import pandas as pd
 
-from usbench.results import scores
+from usbench.results import held_out, ranking, scores
+from usbench.results.agents import named
 from usbench.results.tables import Results
+from usbench.results.text import capital, interval, names
+from usbench.tasks import PAPER, row_of
 
 PAPERS_OWN = "vpg"
+# The same algorithm, with what the paper fixes searched as in all other rows.
+PAPERS_OWN_TUNED = "vpg-tuned"
 BETTER = "other methods do better than the paper's vanilla policy gradient"
 NONE_BETTER = "no other method does better than the paper's vanilla policy gradient"
 OPEN = f"whether {BETTER} is open"
+SCALE = "(0 is a random agent, 1 the optimum)"
 
 
-def text(known: Results) -> str:
-    """Return two sentences: which agent comes closest to the optimum, and how others compare with `vpg`.
+@dataclass(frozen=True)
+class _Ranked:
+    """Agents with their scores, best first and by name, and who lies above whom."""
 
-    Where some have several seeds, those with one are named in a third.
+    table: pd.DataFrame
+    above: set[tuple[str, str]]
+    pairs: pd.DataFrame
+
+    def score(self, agent: str) -> str:
+        """Return the score of an agent with its interval, in words."""
+        row = self.table.loc[agent]
+        return interval(row["score"], row["score_low"], row["score_high"], 2)
+
+    def beside(self, agents: Sequence[str], own: str, it: str = "it") -> str:
+        """Return how `agents` lie to `own`, in clauses."""
+        kinds: tuple[tuple[Callable[[str], bool], str, str], ...] = (
+            (lambda one: (one, own) in self.above, "lies above", "lie above"),
+            (lambda one: (own, one) in self.above, "lies below", "lie below"),
+            (
+                lambda one: not {(one, own), (own, one)} & self.above,
+                "cannot be told apart from",
+                "cannot be told apart from",
+            ),
+        )
+        clauses = []
+        for holds, single, several in kinds:
+            found = [one for one in agents if holds(one)]
+            if found:
+                clauses.append(f"{names(found)} {single if len(found) == 1 else several} {it}")
+        return ", ".join(clauses)
+
+
+def text(known: Results, tested: pd.DataFrame | None = None) -> str:
+    """Return the first paragraph of a leaderboard: whose score is highest, and how others compare with `vpg`.
+
+    With fewer than `ranking.MIN_SEEDS` seeds, or a shorter budget than a task's, it only names scores.
+
+    Args:
+        known: The results, of which the paper's tasks count where there are others.
+        tested: The tests on phantoms never seen that `held_out.read` gives, if there are any.
     """
-    known = next(iter(scores.parts(known).values()))
-    learning = known.trials[known.trials["steps"] > 0]
+    own = next(iter(scores.parts(known).values()))
+    learning = own.trials[own.trials["steps"] > 0]
     finished = int((learning["status"] == "finished").sum())
-    matrices = scores.learners(known)
+    matrices = scores.learners(own)
     if not matrices:
         return (
-            f"{_capital(OPEN)}: no algorithm has finished trials in every cell. "
+            f"{capital(OPEN)}: no algorithm has finished trials in every cell. "
             f"{finished} of {len(learning)} trials are finished; `usbench compare`, run again, adds the rest."
         )
-    alone = [algo for algo, matrix in matrices.items() if len(matrix) == 1]
-    if len(alone) < len(matrices):
-        matrices = {algo: matrix for algo, matrix in matrices.items() if algo not in alone}
-    else:
-        alone = []
-    table = scores.overall(matrices).set_index("agent")
-    n_cells = next(iter(matrices.values())).shape[1]
-    first = _best(table, n_cells)
-    second = _against_the_papers_own(table, scores.improvement(matrices))
-    if finished < len(learning):
-        first = f"so far ({finished} of {len(learning)} trials are finished) {first}"
-        second = f"on that evidence {second}"
-    third = f" One seed tells nothing of the spread, so that {_names(alone)} must wait." if alone else ""
-    return f"{_capital(first)} {_capital(second)}{third}"
-
-
-def _best(table: pd.DataFrame, n_cells: int) -> str:
-    best = table.iloc[0]
-    cells = "the only cell" if n_cells == 1 else f"{n_cells} cells"
-    seeds = "one seed" if best["seeds"] == 1 else f"{int(best['seeds'])} seeds"
-    score = (
-        f"a normalised score of {_score(best)} over {cells} with {seeds} (0 is a random hand, 1 the optimum)"
+    enough = {agent: matrix for agent, matrix in matrices.items() if len(matrix) >= ranking.MIN_SEEDS}
+    waiting = {agent: len(matrix) for agent, matrix in matrices.items() if agent not in enough}
+    kept = enough or matrices
+    so_far = (
+        f"so far ({finished} of {len(learning)} trials are finished) " if finished < len(learning) else ""
     )
-    if len(table) == 1:
-        return f"only `{best.name}` has finished trials in every cell, with {score}."
-    tied = [algo for algo, row in table.iloc[1:].iterrows() if not _above(best, row)]
-    tie = f"; {_names(tied)} cannot be told apart from it" if tied else ""
-    return f"`{best.name}` comes closest to the optimum, with {score}{tie}."
-
-
-def _against_the_papers_own(table: pd.DataFrame, improvement: pd.DataFrame) -> str:
-    if PAPERS_OWN not in table.index:
-        return f"{OPEN}: `{PAPERS_OWN}` lacks finished trials in some cell."
-    others, own = table.drop(PAPERS_OWN), table.loc[PAPERS_OWN]
-    if others.empty:
-        return f"{OPEN}: no other has finished trials in every cell."
-    above = [algo for algo, row in others.iterrows() if _above(row, own)]
-    below = [algo for algo, row in others.iterrows() if _above(own, row)]
-    rest = [algo for algo in others.index if algo not in {*above, *below}]
-    if above:
-        verdict = f"{BETTER} (`{PAPERS_OWN}`, {_score(own)})"
-    elif rest:
-        verdict = f"whether {BETTER} (`{PAPERS_OWN}`, {_score(own)}) cannot be told from these seeds"
+    n_cells = next(iter(kept.values())).shape[1]
+    where = "the only cell" if n_cells == 1 else f"{n_cells} cells"
+    table = ranking.overall(kept).set_index("agent")
+    reasons = [*_short(learning, kept), *([] if enough else [_few(waiting)])]
+    if reasons:
+        sentences = [_first_look(table, reasons, where)]
     else:
-        verdict = f"{NONE_BETTER} (`{PAPERS_OWN}`, {_score(own)})"
-    clauses = [
-        f"{_names(algos)} {'lies' if len(algos) == 1 else 'lie'} {where}"
-        for algos, where in (
-            (above, "above it"),
-            (below, "below it"),
-            (rest, "too close for these seeds"),
-        )
-        if algos
+        pairs = ranking.improvement(kept)
+        ranked = _Ranked(table, ranking.above(pairs), pairs)
+        sentences = [_highest(ranked, where), *_against_the_papers_own(ranked)]
+        if waiting:
+            sentences.append(f"With {_few(waiting)}, {names(list(waiting))} must wait.")
+    sentences[0] = f"{so_far}{sentences[0]}"
+    return " ".join(capital(sentence) for sentence in [*sentences, *_phantoms(own, tested)])
+
+
+def _short(learning: pd.DataFrame, agents: Collection[str]) -> list[str]:
+    """Return in words on which tasks `agents` were trained with less than the budget."""
+    own = named(learning)
+    least = own[own["agent"].isin(agents)].groupby("task")["steps"].min()
+    cut = [
+        f"{steps} of {row_of(task).steps} steps on `{task}`"
+        for task, steps in least.items()
+        if steps < row_of(task).steps
     ]
-    pair = improvement[(improvement["agent"] == others.index[0]) & (improvement["other"] == PAPERS_OWN)].iloc[
-        0
-    ]
-    interval = "" if pd.isna(pair["low"]) else f" [{pair['low']:.2f}, {pair['high']:.2f}]"
-    chance = f"{pair['probability']:.2f}{interval}"
+    return [f"training was cut short ({', '.join(cut)})"] if cut else []
+
+
+def _few(waiting: dict[str, int]) -> str:
+    """Return in words how many seeds agents have that have too few."""
+    low, high = min(waiting.values()), max(waiting.values())
+    number = f"{low}" if low == high else f"{low} to {high}"
+    return f"{number} {'seed' if high == 1 else 'seeds'} where {ranking.MIN_SEEDS} are the least"
+
+
+def _first_look(table: pd.DataFrame, reasons: list[str], where: str) -> str:
+    ranked = _Ranked(table, set(), pd.DataFrame())
+    best = str(table.index[0])
+    own = ""
+    if PAPERS_OWN in table.index and best != PAPERS_OWN:
+        own = f", that of the paper's vanilla policy gradient (`{PAPERS_OWN}`) is {ranked.score(PAPERS_OWN)}"
     return (
-        f"{verdict}: {', '.join(clauses)}; a trial of `{others.index[0]}` beats one of `{PAPERS_OWN}` "
-        f"with probability {chance}."
+        f"a first look and no ranking: {' and '.join(reasons)}. The highest score over {where} is that of "
+        f"`{best}`, {ranked.score(best)} {SCALE}{own}; {OPEN}."
     )
 
 
-def _above(row: pd.Series, other: pd.Series) -> bool:
-    """Return whether the interval of `row` lies above the other's; a single seed has none."""
-    return bool(row["score_low"] > other["score_high"])
+def _highest(ranked: _Ranked, where: str) -> str:
+    best, *others = (str(agent) for agent in ranked.table.index)
+    seeds = int(ranked.table.loc[best, "seeds"])
+    score = f"{ranked.score(best)} over {where} with {seeds} seeds {SCALE}"
+    if not others:
+        return f"only `{best}` has enough finished trials in every cell, with {score}."
+    return f"`{best}` has the highest score, {score}; {ranked.beside(others, best)}."
 
 
-def _score(row: pd.Series) -> str:
-    if pd.isna(row["score_low"]):
-        return f"{row['score']:.2f}"
-    return f"{row['score']:.2f} [{row['score_low']:.2f}, {row['score_high']:.2f}]"
+def _against_the_papers_own(ranked: _Ranked) -> list[str]:
+    agents = [str(agent) for agent in ranked.table.index]
+    if PAPERS_OWN not in agents:
+        return [f"{OPEN}: `{PAPERS_OWN}` lacks finished trials in some cell, or seeds."]
+    # The same method with other settings is not another method.
+    others = [agent for agent in agents if agent.split()[0] not in (PAPERS_OWN, PAPERS_OWN_TUNED)]
+    if not others:
+        return [f"{OPEN}: no other has enough finished trials in every cell."]
+    own = f"(`{PAPERS_OWN}`, {ranked.score(PAPERS_OWN)})"
+    if any((one, PAPERS_OWN) in ranked.above for one in others):
+        verdict = f"{BETTER} {own}"
+    elif all((PAPERS_OWN, one) in ranked.above for one in others):
+        verdict = f"{NONE_BETTER} {own}"
+    else:
+        verdict = f"whether {BETTER} {own} cannot be told from these seeds"
+    pair = ranked.pairs.set_index(["agent", "other"]).loc[(others[0], PAPERS_OWN)]
+    chance = interval(pair["probability"], pair["sure_low"], pair["sure_high"], 2)
+    sentences = [
+        f"{verdict}: {ranked.beside(others, PAPERS_OWN)}; a trial of `{others[0]}` beats one of "
+        f"`{PAPERS_OWN}` with probability {chance}."
+    ]
+    if PAPERS_OWN_TUNED in agents:
+        tuned = f"`{PAPERS_OWN_TUNED}`"
+        sentences.append(
+            f"tuned as all others are, the same algorithm ({tuned}) has {ranked.score(PAPERS_OWN_TUNED)}: "
+            f"{ranked.beside([PAPERS_OWN_TUNED], PAPERS_OWN, f'`{PAPERS_OWN}`')}; "
+            f"{ranked.beside(others, PAPERS_OWN_TUNED, tuned)}."
+        )
+    return sentences
 
 
-def _names(algos: Sequence[str]) -> str:
-    quoted = [f"`{algo}`" for algo in algos]
-    return quoted[0] if len(quoted) == 1 else f"{', '.join(quoted[:-1])} and {quoted[-1]}"
-
-
-def _capital(sentence: str) -> str:
-    return sentence[0].upper() + sentence[1:]
+def _phantoms(own: Results, tested: pd.DataFrame | None) -> list[str]:
+    """Return a sentence on the phantom of the paper's tasks, and on scores on phantoms never seen."""
+    tasks = [task for task in PAPER if task in set(own.trials["task"])]
+    if not tasks:
+        return []
+    here = f"{names(tasks)} {'are' if len(tasks) > 1 else 'is'} evaluated on the phantom of training"
+    known = None if tested is None or tested.empty else held_out.by_task(own, tested)
+    if known is None or known.empty:
+        return [f"{here}; how its agents do on others is not tested here."]
+    clauses = []
+    for task, rows in known.groupby("task"):
+        rows = rows.sort_values("elsewhere")
+        low, high = rows.iloc[0], rows.iloc[-1]
+        clauses.append(
+            f"agents with {rows['there'].min():.2f} to {rows['there'].max():.2f} on `{task}` have "
+            f"{low['elsewhere']:.2f} (`{low['agent']}`) to {high['elsewhere']:.2f} (`{high['agent']}`)"
+        )
+    return [f"{here}: on phantoms never seen, {', and '.join(clauses)}."]

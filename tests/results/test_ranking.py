@@ -1,0 +1,94 @@
+"""Primary figure, one rule for "lies above", and what becomes of ranks when something is left out."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from made_tables import made, seeds
+
+from usbench.results import ranking, scores, stats
+
+LOW, HIGH = [[0.1], [0.2], [0.3], [0.4], [0.5]], [[0.6], [0.7], [0.8], [0.9], [1.0]]
+
+
+def test_overall_is_sorted_and_ties_go_by_name():
+    known = made(*seeds("vpg", [0.5, 0.5]), *seeds("a2c", [0.5, 0.5]), *seeds("ppo", [0.7, 0.9]))
+    table = ranking.overall(scores.matrices(known)[0])
+    assert list(table["agent"]) == ["ppo", "a2c", "vpg"]
+    assert list(table["score"]) == pytest.approx([0.8, 0.5, 0.5])
+    assert list(table["optimality_gap"]) == pytest.approx([0.2, 0.5, 0.5])
+
+
+def test_whole_seeds_keep_what_a_seed_did_in_all_cells():
+    # A good and a bad seed in both cells: drawn by cell they make up for each other, drawn whole they do not.
+    good_or_bad = np.repeat([[0.0], [1.0]] * 5, 2, axis=1)
+    row = ranking.overall({"a": good_or_bad}).iloc[0]
+    assert row["whole_high"] - row["whole_low"] > row["score_high"] - row["score_low"] > 0
+    # A seed that is good in one cell and bad in the other: drawn whole, nothing ever moves.
+    row = ranking.overall({"a": np.array([[0.0, 1.0], [1.0, 0.0]] * 5)}).iloc[0]
+    assert row["whole_low"] == row["score"] == row["whole_high"] and row["score_low"] < row["score_high"]
+
+
+def test_improvement_in_both_directions():
+    table = ranking.improvement({"a": np.array([[0.2], [0.6]]), "b": np.array([[0.1], [0.5]])})
+    table = table.set_index(["agent", "other"])
+    assert table["probability"]["a", "b"] == 0.75 and table["probability"]["b", "a"] == 0.25
+    # The interval of one is that of the other, mirrored: sure one way round, sure the other.
+    assert table["low"]["b", "a"] == 1 - table["high"]["a", "b"]
+    assert table["high"]["b", "a"] == 1 - table["low"]["a", "b"]
+
+
+def test_level_is_corrected_for_the_number_of_pairs():
+    assert ranking.corrected_level(8) == 1 - (1 - stats.LEVEL) / 28
+    assert ranking.corrected_level(2) == ranking.corrected_level(1) == pytest.approx(0.95)
+
+
+def test_corrected_intervals_are_wider():
+    generator = np.random.default_rng(0)
+    eight = {str(number): generator.normal(number / 10, 1, size=(10, 6)) for number in range(8)}
+    pairs = ranking.improvement(eight)
+    assert len(pairs) == 56
+    assert (pairs["sure_low"] < pairs["low"]).all() and (pairs["sure_high"] > pairs["high"]).all()
+
+
+def test_lies_above_by_one_rule():
+    middle = np.array([[0.05], [0.25], [0.35], [0.45], [0.55]])
+    pairs = ranking.improvement({"low": np.array(LOW), "middle": middle, "high": np.array(HIGH)})
+    assert ranking.above(pairs) == {("high", "low"), ("high", "middle")}
+
+
+@pytest.mark.parametrize("n_seeds", [1, 2, 4])
+def test_few_seeds_lie_above_nothing(n_seeds):
+    pairs = ranking.improvement({"low": np.array(LOW), "high": np.array(HIGH)[:n_seeds]})
+    assert ranking.above(pairs) == set()
+    assert pairs["low"].isna().all() == (n_seeds == 1)
+
+
+def test_interval_is_that_of_the_plain_bootstrap():
+    generator = np.random.default_rng(1)
+    x, y = generator.normal(0.1, 1, size=(10, 6)), generator.normal(size=(7, 6))
+    pair = ranking.improvement({"x": x, "y": y}).iloc[0]
+    plain = stats.stratified_bootstrap(
+        stats.probability_of_improvement, x, y, generator=generator, n_resamples=5000
+    )
+    assert pair["probability"] == pytest.approx(plain.estimate)
+    assert [pair["low"], pair["high"]] == pytest.approx([float(plain.low), float(plain.high)], abs=0.01)
+
+
+def frames(**scores_of):
+    return {agent: pd.DataFrame(np.array(rows)) for agent, rows in scores_of.items()}
+
+
+def test_ranks_without_a_cell_and_without_two_seeds_by_hand():
+    # b leads by its second cell alone, and by the last two of four seeds alone.
+    finals = frames(a=[[0.5, 0.5]] * 4, b=[[0.4, 0.5], [0.4, 0.5], [0.4, 1.0], [0.4, 1.0]])
+    table = ranking.stability(finals).set_index("agent")
+    assert list(table.index) == ["a", "b"] and list(table["rank"]) == [1, 2]
+    assert table.loc["b", ["cells_best", "cells_worst"]].tolist() == [1, 2]
+    # Means of the middle half: with seeds 2 and 3 alone, 0.7; with 0 and 1 alone, 0.45; a always has 0.5.
+    assert table.loc["b", ["seeds_best", "seeds_worst"]].tolist() == [1, 2]
+
+
+def test_nothing_to_leave_out():
+    table = ranking.stability(frames(a=[[0.5]] * 3, b=[[0.6]] * 5))
+    assert table[["cells_best", "cells_worst", "seeds_best", "seeds_worst"]].isna().all(axis=None)
+    assert ranking.stability({}).empty

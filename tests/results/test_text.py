@@ -1,0 +1,20 @@
+"""Numbers and names in words."""
+
+import math
+
+from usbench.results import text
+
+
+def test_numbers_have_fixed_digits_and_zero_has_no_sign():
+    assert text.number(-0.0001, 2) == "0.00" and text.number(1.005, 1) == "1.0"
+    assert text.number(math.nan, 2) == text.bounds(math.nan, math.nan) == text.DASH
+
+
+def test_interval_stands_in_brackets_where_there_is_one():
+    assert text.interval(0.5, 0.4, 0.6) == "0.500 [0.400, 0.600]"
+    assert text.interval(0.5, math.nan, math.nan, 2) == "0.50"
+
+
+def test_names_in_a_row():
+    assert text.names(["a"]) == "`a`"
+    assert text.names(["a", "b", "c"]) == "`a`, `b` and `c`"

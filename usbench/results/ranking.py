@@ -1,0 +1,141 @@
+"""What is said about agents over all cells together: primary figure, who lies above whom, how firm ranks are.
+
+docs/protocol.md named all of it before anything was trained.
+"""
+
+from collections.abc import Iterator, Mapping
+from itertools import combinations
+
+import numpy as np
+import pandas as pd
+
+from usbench.results import stats
+from usbench.results.scores import BOOTSTRAP_SEED, score_of
+
+# With a level corrected for 28 pairs, an interval's ends are the 0.09 % at each side: 45 of these resamples.
+N_RESAMPLES = 50_000
+# Fewer seeds make no ranking: intervals of so few are much too narrow (benchmarks/coverage.py).
+MIN_SEEDS = 5
+# Of an agent's seeds that are left when two are left out.
+MIN_LEFT = 2
+
+
+def overall(scores: Mapping[str, stats.Array]) -> pd.DataFrame:
+    """Return a row per agent, best first.
+
+    Columns: `agent`, `seeds`; `score`, the primary figure (IQM over all cells), with `score_low` and
+    `score_high`, seeds resampled within each cell; `whole_low` and `whole_high`, whole seeds resampled over
+    all cells; `median`, `mean` and `optimality_gap`.
+    """
+    rows = []
+    for agent, matrix in scores.items():
+        whole = score_of(matrix, whole_seeds=True)
+        rows.append(
+            {
+                "agent": agent,
+                "seeds": len(matrix),
+                **score_of(matrix),
+                "whole_low": whole["score_low"],
+                "whole_high": whole["score_high"],
+                "median": float(stats.median(matrix)),
+                "mean": float(stats.mean(matrix)),
+                "optimality_gap": float(stats.optimality_gap(matrix)),
+            }
+        )
+    names = ("score", "score_low", "score_high", "whole_low", "whole_high", "median", "mean")
+    table = pd.DataFrame(rows, columns=["agent", "seeds", *names, "optimality_gap"])
+    return table.sort_values(["score", "agent"], ascending=[False, True], ignore_index=True)
+
+
+def corrected_level(n_agents: int) -> float:
+    """Return the level of an interval that is one of as many as there are pairs (Bonferroni)."""
+    return 1 - (1 - stats.LEVEL) / max(n_agents * (n_agents - 1) // 2, 1)
+
+
+def improvement(scores: Mapping[str, stats.Array]) -> pd.DataFrame:
+    """Return a row per ordered pair.
+
+    Columns: `agent`, `other`; `probability` that a trial of `agent` has a higher score than one of `other` in
+    a cell; its 95 % interval `low`, `high`, which a single seed does not have; and `sure_low`, `sure_high`,
+    the interval at the level that is corrected for all pairs, for agents with at least `MIN_SEEDS` seeds.
+    """
+    level = corrected_level(len(scores))
+    drawn: dict[tuple[int, int, int], tuple[stats.Array, stats.Array]] = {}
+    rows = []
+    for agent, other in combinations(scores, 2):
+        x, y = scores[agent], scores[other]
+        sizes = (len(x), len(y), x.shape[1])
+        if sizes not in drawn:
+            # Afresh for each pair of sizes: a pair does not change when another agent is added.
+            generator = np.random.default_rng(BOOTSTRAP_SEED)
+            drawn[sizes] = (
+                stats.draw_counts(len(x), x.shape[1], N_RESAMPLES, generator),
+                stats.draw_counts(len(y), x.shape[1], N_RESAMPLES, generator),
+            )
+        estimate = stats.probability_of_improvement(x, y)
+        resampled = stats.resampled_improvement(x, y, *drawn[sizes])
+        one, sure = (stats.percentiles(estimate, resampled, each) for each in (stats.LEVEL, level))
+        ends = np.array([one.low, one.high, sure.low, sure.high])
+        if min(sizes[:2]) == 1:
+            ends[:] = np.nan
+        if min(sizes[:2]) < MIN_SEEDS:
+            ends[2:] = np.nan
+        rows.append((agent, other, float(estimate), *ends))
+        # The same resamples: what is sure one way round is sure the other.
+        rows.append((other, agent, 1 - float(estimate), *(1 - ends[[1, 0, 3, 2]])))
+    columns = ["agent", "other", "probability", "low", "high", "sure_low", "sure_high"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def above(pairs: pd.DataFrame) -> set[tuple[str, str]]:
+    """Return the pairs of which the first lies above the second, the protocol's one rule for that.
+
+    The corrected interval of the probability of improvement lies above one half.
+    """
+    sure = pairs[pairs["sure_low"] > 0.5]
+    return set(sure[["agent", "other"]].itertuples(index=False, name=None))
+
+
+def stability(finals: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
+    """Return how ranks by the primary figure change with what is left out, a row per agent, best first.
+
+    Args:
+        finals: Scores of each agent, a row per seed and a column per cell, as `scores.finals` gives them.
+
+    Returns:
+        The columns `agent` and `rank`; `cells_best` and `cells_worst`, the ranks when any cell is left out;
+        `seeds_best` and `seeds_worst`, those when any two seeds are left out, for all agents together. NaN
+        where there is nothing to leave out: one cell, or an agent with fewer than 4 seeds.
+    """
+    if not finals:
+        return pd.DataFrame(
+            columns=["agent", "rank", "cells_best", "cells_worst", "seeds_best", "seeds_worst"]
+        )
+    whole = _ranks(finals)
+    table = pd.DataFrame({"agent": list(whole), "rank": list(whole.values())})
+    for name, left in (("cells", _without_a_cell(finals)), ("seeds", _without_two_seeds(finals))):
+        ranks = pd.DataFrame([_ranks(one) for one in left], columns=list(whole))
+        table[f"{name}_best"] = ranks.min().to_numpy(float)
+        table[f"{name}_worst"] = ranks.max().to_numpy(float)
+    return table.sort_values("rank", ignore_index=True)
+
+
+def _ranks(finals: Mapping[str, pd.DataFrame]) -> dict[str, int]:
+    """Return the rank of each agent by the primary figure, from 1; equal ones go by name."""
+    figures = {agent: float(stats.iqm(table.to_numpy(np.float64))) for agent, table in finals.items()}
+    ordered = sorted(figures, key=lambda agent: (-figures[agent], agent))
+    return {agent: ordered.index(agent) + 1 for agent in figures}
+
+
+def _without_a_cell(finals: Mapping[str, pd.DataFrame]) -> Iterator[dict[str, pd.DataFrame]]:
+    n_cells = next(iter(finals.values())).shape[1]
+    for cell in range(n_cells if n_cells > 1 else 0):
+        kept = [place for place in range(n_cells) if place != cell]
+        yield {agent: table.iloc[:, kept] for agent, table in finals.items()}
+
+
+def _without_two_seeds(finals: Mapping[str, pd.DataFrame]) -> Iterator[dict[str, pd.DataFrame]]:
+    if min(len(table) for table in finals.values()) < 2 + MIN_LEFT:
+        return
+    for two in combinations(sorted({seed for table in finals.values() for seed in table.index}), 2):
+        yield {agent: table[~table.index.isin(two)] for agent, table in finals.items()}

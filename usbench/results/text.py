@@ -1,0 +1,47 @@
+"""Numbers, names and tables as Markdown."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import pandas as pd
+
+DASH = "–"
+
+
+def number(value: Any, digits: int) -> str:
+    """Return a number with fixed digits, never -0; a dash where there is none."""
+    return DASH if pd.isna(value) else f"{round(float(value), digits) + 0.0:.{digits}f}"
+
+
+def interval(value: float, low: float, high: float, digits: int = 3) -> str:
+    """Return a number with its interval in brackets; alone where it has none."""
+    if pd.isna(low):
+        return number(value, digits)
+    return f"{number(value, digits)} {bounds(low, high, digits)}"
+
+
+def bounds(low: float, high: float, digits: int = 3) -> str:
+    """Return an interval in brackets; a dash where there is none."""
+    return DASH if pd.isna(low) else f"[{number(low, digits)}, {number(high, digits)}]"
+
+
+def agent(name: str, learns: bool) -> str:
+    """Return the name of an agent in a table."""
+    return f"`{name}`" if learns else f"`{name}` (not learned)"
+
+
+def names(agents: Sequence[str]) -> str:
+    """Return names in a row: "`a`, `b` and `c`"."""
+    quoted = [f"`{one}`" for one in agents]
+    return quoted[0] if len(quoted) == 1 else f"{', '.join(quoted[:-1])} and {quoted[-1]}"
+
+
+def capital(sentence: str) -> str:
+    """Return the sentence with a capital letter first."""
+    return sentence[0].upper() + sentence[1:]
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a Markdown table; columns after the first are aligned to the right."""
+    lines = [head, ["---", *["---:"] * (len(head) - 1)], *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)

@@ -1,0 +1,104 @@
+"""The sections of the leaderboard that are about all cells together, as Markdown."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import pandas as pd
+
+from usbench.results import ranking, scores, stats
+from usbench.results.agents import named
+from usbench.results.tables import Results
+from usbench.results.text import DASH, agent, bounds, interval, number, table
+
+
+def sections(own: Results, name: str, pairs: pd.DataFrame) -> list[str]:
+    """Return the sections of one part of the results, each with its heading.
+
+    Args:
+        own: The results of the part.
+        name: What the part is called, one of those of `scores.parts`.
+        pairs: What `ranking.improvement` gives for its learning agents.
+    """
+    matrices, _ = scores.matrices(own)
+    learners = scores.finals_of_learners(own)
+    where = "" if name == scores.ALL else f": {name}"
+    found = []
+    if matrices:
+        found += [f"## {name[0].upper()}{name[1:]} together", overall(own.trials, matrices)]
+    if len(learners) > 1:
+        found += [f"## Probability of improvement{where}", improvement(list(learners), pairs)]
+        found += [f"## Stability of ranks{where}", stability(learners)]
+    return found
+
+
+def overall(trials: pd.DataFrame, matrices: Mapping[str, stats.Array]) -> str:
+    """Return the table of all cells together: those that learn first, then reference policies, best first."""
+    known = ranking.overall(matrices)
+    fixed = known["agent"].map(named(trials).groupby("agent")["steps"].max()) == 0
+    asked = np.where(fixed, known["seeds"], scores.seeds_asked(trials))
+    known = known.assign(fixed=fixed, asked=asked).sort_values("fixed", kind="stable")
+    rows = [
+        [
+            agent(row.agent, not row.fixed),
+            f"{row.seeds}/{row.asked}",
+            interval(row.score, row.score_low, row.score_high),
+            bounds(row.whole_low, row.whole_high),
+            *(number(value, 3) for value in (row.median, row.mean, row.optimality_gap)),
+        ]
+        for row in known.itertuples()
+    ]
+    n_cells = next(iter(matrices.values())).shape[1]
+    title = "1 cell" if n_cells == 1 else f"{n_cells} cells (task and noise)"
+    head = ["agent", "seeds", "score (IQM)", "with whole seeds", "median", "mean", "optimality gap"]
+    return (
+        f"Scores over {title}, of the seeds that are finished in all of them. The score with its interval is "
+        "the primary figure; seeds are resampled within each cell. For the interval with whole seeds, the "
+        "same seeds are drawn for all cells, since a seed has the same starts in each.\n\n"
+        + table(head, rows)
+    )
+
+
+def improvement(agents: list[str], pairs: pd.DataFrame) -> str:
+    """Return the matrix of probabilities that a row's agent beats a column's, bold where that is sure."""
+    sure = ranking.above(pairs)
+    chances = pairs.set_index(["agent", "other"])["probability"]
+    rows = []
+    for one in agents:
+        cells = []
+        for other in agents:
+            mark = "**" if {(one, other), (other, one)} & sure else ""
+            cells.append(DASH if one == other else f"{mark}{number(chances[one, other], 2)}{mark}")
+        rows.append([f"`{one}`", *cells])
+    level = ranking.corrected_level(len(agents))
+    n_pairs = len(agents) * (len(agents) - 1) // 2
+    many = "" if n_pairs == 1 else f", which is 1 - 0.05 / {n_pairs} for {n_pairs} pairs,"
+    return (
+        "How likely a trial of the row's agent has a higher score than one of the column's in a cell, ties "
+        f"counting half; bold where the {100 * level:.4g} % interval{many} leaves out one half: there alone "
+        f"one agent lies above the other ({ranking.N_RESAMPLES} resamples). Agents with fewer than "
+        f"{ranking.MIN_SEEDS} seeds are not compared.\n\n"
+        + table(["", *(f"`{one}`" for one in agents)], rows)
+    )
+
+
+def stability(finals: Mapping[str, pd.DataFrame]) -> str:
+    """Return the table of ranks, and what becomes of them when cells or seeds are left out."""
+    rows = [
+        [
+            f"`{row.agent}`",
+            str(row.rank),
+            _ranks(row.cells_best, row.cells_worst),
+            _ranks(row.seeds_best, row.seeds_worst),
+        ]
+        for row in ranking.stability(finals).itertuples()
+    ]
+    return (
+        "Ranks by the score, and the best and worst of them when any cell, or any two seeds, is left out.\n\n"
+        + table(["agent", "rank", "without a cell", "without two seeds"], rows)
+    )
+
+
+def _ranks(best: float, worst: float) -> str:
+    if pd.isna(best):
+        return DASH
+    return f"{best:.0f}" if best == worst else f"{best:.0f} to {worst:.0f}"
