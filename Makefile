@@ -64,8 +64,8 @@ docs: $(VENV)/.docs  ## build the site into build/docs, the notebook run anew; a
 compare: $(STAMP)  ## run what is missing of the paper's grid for every algorithm (many hours), write leaderboard.md
 	$(BIN)/usbench compare
 
-leaderboard: $(STAMP)  ## write leaderboard.md and its figures again, from leaderboard_files/ alone
-	$(BIN)/usbench leaderboard
+leaderboard: $(STAMP)  ## write leaderboard.md and its figures again, from leaderboard_files/ and search/ alone
+	$(BIN)/usbench leaderboard --search search
 
 search: $(STAMP)  ## choose hyperparameters by the protocol (many hours): of all rows, or of one by make search ALGO=ppo
 	$(BIN)/usbench search $(if $(ALGO),--algo $(ALGO))

@@ -33,14 +33,21 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
     source.add_argument(
         "--add", type=Path, metavar="DIR", help="folder with trials: add them to those of the tables"
     )
+    leaderboard.add_argument(
+        "--search",
+        type=Path,
+        metavar="DIR",
+        help="folder with the records of searches, for example search: tell how hard each row is to tune",
+    )
     add_leaderboard_file(leaderboard)
     leaderboard.set_defaults(call=_call)
 
 
 def _call(args: argparse.Namespace) -> None:
     """Write a leaderboard and its figures again: of its tables, of a folder's trials, or of both."""
-    from usbench.figures import comparison
+    from usbench.figures import comparison, tuning
     from usbench.results import leaderboard, published, studies, tables
+    from usbench.results.protocol import tuning as searched
 
     folder = leaderboard.files(args.leaderboard)
     if args.runs is not None or args.add is not None:
@@ -61,7 +68,13 @@ def _call(args: argparse.Namespace) -> None:
         tables.write(known, folder)
         studies.write(studies.gather(args.runs or args.add), folder)
     known = tables.read(folder)
-    for path in [*leaderboard.write(folder, args.leaderboard), *comparison.write(known, folder)]:
+    if args.search is not None:
+        searched.write(searched.gather(args.search), folder)
+    for path in [
+        *leaderboard.write(folder, args.leaderboard),
+        *comparison.write(known, folder),
+        *tuning.write(folder, folder),
+    ]:
         print(path)
 
 

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from usbench import records
-from usbench.figures import comparison, learning_curve, style
+from usbench.figures import comparison, learning_curve, style, tuning
 from usbench.records import ConfigurationError, Trial
 from usbench.results import sources
 
@@ -17,7 +17,8 @@ def write(
 ) -> list[Path]:
     """Draw the figures of all trials in `paths` into the folder `out`; return the files.
 
-    They are those of the leaderboard, and a learning curve of every trial that is itself one of `paths`.
+    They are those of the leaderboard, that of a search where tables have one, and a learning curve of every
+    trial that is itself one of `paths`.
 
     Args:
         paths: Folders of trials, single trials, or folders of tables, as `sources.gather` takes them.
@@ -51,7 +52,8 @@ def write(
         for trial in single
         for kind in formats
     ]
-    return [*curves, *comparison.write(known, out, formats)]
+    searched = [file for path in paths for file in tuning.write(path, out, formats)]
+    return [*curves, *comparison.write(known, out, formats), *searched]
 
 
 def _has_evaluations(folder: Path) -> bool:

@@ -8,6 +8,7 @@ from usbench.anchors import Anchors
 from usbench.atomic import atomic_file
 from usbench.records import ConfigurationError
 from usbench.results import held_out, provenance, ranking, scores, studies, tables, text, together, verdict
+from usbench.results.protocol import tuning
 from usbench.results.scores import CELL, ROW, SCORED, Cell
 from usbench.results.tables import SAMPLED, Results
 from usbench.results.text import DASH
@@ -74,7 +75,7 @@ def write(folder: Path, path: Path) -> list[Path]:
     path.parent.mkdir(parents=True, exist_ok=True)
     table = scores.cells(known).round(tables.DECIMALS).to_csv(index=False, lineterminator="\n")
     written = {
-        path: markdown(known, held_out.read(folder), studies.read(folder)),
+        path: markdown(known, held_out.read(folder), studies.read(folder), tuning.read(folder)),
         path.with_name(SCORES): table,
     }
     for name, content in written.items():
@@ -83,8 +84,16 @@ def write(folder: Path, path: Path) -> list[Path]:
     return list(written)
 
 
-def markdown(known: Results, tested: pd.DataFrame | None = None, studied: pd.DataFrame | None = None) -> str:
-    """Return the leaderboard as Markdown; `tested` and `studied` are what `held_out` and `studies` read."""
+def markdown(
+    known: Results,
+    tested: pd.DataFrame | None = None,
+    studied: pd.DataFrame | None = None,
+    searched: pd.DataFrame | None = None,
+) -> str:
+    """Return the leaderboard as Markdown.
+
+    The others are what `held_out`, `studies` and `tuning` read; None where there is nothing.
+    """
     parts, notes = ["# Leaderboard", verdict.text(known, tested), READING], []
     for name, own in scores.parts(known).items():
         parts += together.sections(own, name, ranking.improvement(scores.learners(own)))
@@ -100,6 +109,8 @@ def markdown(known: Results, tested: pd.DataFrame | None = None, studied: pd.Dat
         parts += ["## Phantoms never seen", _unseen(unseen)]
     if studied is not None and not studied.empty:
         parts += ["## People", studies.READING, _studies(studied)]
+    if searched is not None and not searched.empty:
+        parts += ["## How hard each is to tune", tuning.section(searched)]
     parts += ["## How this was made", provenance.making(known.trials)]
     notes += provenance.notes(known.trials)
     if notes:

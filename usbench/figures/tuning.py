@@ -1,0 +1,52 @@
+"""How hard each row is to tune: scores of its candidates, and the expected best of n of them."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from usbench.figures import style
+from usbench.results.protocol import tuning
+
+NAME = "tuning"
+
+
+def write(folder: Path, out: Path, formats: Sequence[str] = ("png",)) -> list[Path]:
+    """Draw the figure of the table in `folder` into `out`; return the paths, none without such a table."""
+    figure = draw(tuning.read(folder))
+    return [] if figure is None else [style.save(figure, out / f"{NAME}.{kind}") for kind in formats]
+
+
+def draw(known: pd.DataFrame) -> Figure | None:
+    """Draw each row's candidates, and the expected best of n with its interval; None without any."""
+    by_row = tuning.candidates(known)
+    if not by_row:
+        return None
+    looks = style.styles(by_row)
+    figure, axes = style.panels(1, 2, width=5.0, height=max(2.4, 0.5 + 0.34 * len(by_row)))
+    spread, best = axes[0]
+    for place, (row, scores) in enumerate(by_row.items()):
+        color = looks[row]["color"]
+        diverged = np.isnan(scores)
+        counted = np.where(diverged, tuning.DIVERGED, scores)
+        low, middle, high = np.percentile(counted, [25, 50, 75])
+        spread.plot([low, high], [place] * 2, color=color, alpha=0.35, linewidth=9, solid_capstyle="butt")
+        spread.plot([middle] * 2, [place - 0.25, place + 0.25], color=color, linewidth=2)
+        for marker, which in (("o", ~diverged), ("x", diverged)):
+            heights = np.full(which.sum(), place)
+            spread.plot(counted[which], heights, marker, color="0.2", fillstyle="none", markersize=5)
+        expected = tuning.expected(scores)
+        n = np.arange(1, len(scores) + 1)
+        best.plot(n, expected.estimate, label=row, markersize=4, **looks[row])
+        best.fill_between(n, expected.low, expected.high, color=color, alpha=0.12, linewidth=0)
+    spread.set_yticks(range(len(by_row)), list(by_row))
+    spread.set_ylim(len(by_row) - 0.5, -0.5)
+    spread.set_xlabel("score of a candidate in the first rung")
+    spread.set_title("circles: candidates; bar: quartiles and median", fontsize=10)
+    best.set_xlabel("n candidates drawn at random")
+    best.set_ylabel("expected best score")
+    best.set_title("best of n, 95 % bootstrap band", fontsize=10)
+    style.legend(figure, *best.get_legend_handles_labels())
+    return figure

@@ -1,0 +1,161 @@
+"""How hard each row is to tune: the scores of the candidates that a search drew at random.
+
+Of the first rung alone, in which every candidate was trained; what survived it says nothing of the others.
+"""
+
+import tomllib
+from math import comb
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from usbench import seed_pools
+from usbench.atomic import atomic_file
+from usbench.checks import ConfigurationError
+from usbench.records.journal import read_rows
+from usbench.results import stats
+from usbench.results.scores import BOOTSTRAP_SEED
+from usbench.results.text import DASH, interval, names, number, table
+
+TABLE = "tuning.csv"
+# `score` is empty where the training diverged.
+COLUMNS = ("row", "candidate", "task", "noise", "seed", "score")
+SHOWN = (1, 2, 4, 8, 16)
+# A candidate that diverged in any cell: what a random agent scores.
+DIVERGED = 0.0
+
+
+def gather(search: Path) -> pd.DataFrame:
+    """Return the trials of the first rung in the records of a folder, `COLUMNS`, of rows that have all.
+
+    Raises:
+        ConfigurationError: If there is no record, or one is damaged.
+    """
+    paths = sorted(search.glob("*.jsonl"))
+    if not paths:
+        raise ConfigurationError(
+            f"there is no record of a search in {str(search)!r}: usbench search makes some."
+        )
+    found = [row for path in paths for row in _first_rung(path)]
+    return pd.DataFrame(found, columns=list(COLUMNS)).sort_values(list(COLUMNS[:5]), ignore_index=True)
+
+
+def write(known: pd.DataFrame, folder: Path) -> Path:
+    """Write the table beside those of a leaderboard and return its path."""
+    with atomic_file(folder / TABLE) as file:
+        file.write(known.to_csv(index=False, lineterminator="\n").encode())
+    return folder / TABLE
+
+
+def read(folder: Path) -> pd.DataFrame:
+    """Return the table that `write` wrote, without rows if there is none.
+
+    Raises:
+        ValueError: If the file holds something else.
+    """
+    path = folder / TABLE
+    if not path.is_file():
+        return pd.DataFrame(columns=list(COLUMNS))
+    try:
+        known = pd.read_csv(path)[list(COLUMNS)]
+        return known.astype({"candidate": int, "noise": float, "seed": int, "score": float})
+    except (KeyError, ValueError) as error:
+        raise ValueError(f"{path} is not a table of a search: {' '.join(str(error).split())}") from error
+
+
+def candidates(known: pd.DataFrame) -> dict[str, stats.Array]:
+    """Return the mean score of each candidate by row, `(n_candidates,)`, NaN where it diverged; in order."""
+    means = known.groupby(["row", "candidate"])["score"].agg(lambda own: own.mean(skipna=False))
+    found = {str(row): own.to_numpy(np.float64) for row, own in means.groupby("row")}
+    return {row: found[row] for row in sorted(found)}
+
+
+def expected_best(scores: stats.Array) -> stats.Array:
+    """Return the expected best of n candidates drawn without replacement, for n = 1 to all, `(..., n)`.
+
+    By order statistics: the k-th smallest of N is the best in C(k - 1, n - 1) of C(N, n) draws. Candidates
+    that diverged count as `DIVERGED`.
+    """
+    ordered = np.sort(np.where(np.isnan(scores), DIVERGED, scores), axis=-1)
+    n_all = ordered.shape[-1]
+    best_of = [
+        [comb(rank - 1, n - 1) / comb(n_all, n) for n in range(1, n_all + 1)] for rank in range(1, n_all + 1)
+    ]
+    return np.asarray(ordered @ np.array(best_of))
+
+
+def expected(scores: stats.Array) -> stats.Interval:
+    """Return `expected_best` with its 95 % interval, whole candidates resampled.
+
+    No resample has a better candidate than the best: towards all candidates, the upper end comes down to the
+    estimate.
+    """
+    generator = np.random.default_rng(BOOTSTRAP_SEED)
+    drawn = generator.integers(len(scores), size=(stats.N_RESAMPLES, len(scores)))
+    return stats.percentiles(expected_best(scores), expected_best(scores[drawn]))
+
+
+def section(known: pd.DataFrame) -> str:
+    """Return the section of the leaderboard, as Markdown."""
+    by_row = candidates(known)
+    missing = [row for row in _protocol()["rows"] if row not in by_row]
+    waiting = f" Not here, as that rung is not complete yet: {names(missing)}." if missing else ""
+    head = ["row", "candidates", "diverged", "quartiles (least to most)", *(f"best of {n}" for n in SHOWN)]
+    return (
+        "Scores of the candidates that the search drew at random for each row, in its first rung: a quarter "
+        "of the budget, the mean over both tasks, noise 0 and 0.5, one seed. The expected best of n is that "
+        "of n candidates drawn without replacement, with a 95 % interval from candidates resampled. It is "
+        "the score by which candidates are chosen, so that other seeds will have less. Candidates that "
+        f"diverged count as 0.{waiting}\n\n"
+        + table(head, [_words(row, scores) for row, scores in by_row.items()])
+    )
+
+
+def _words(row: str, scores: stats.Array) -> list[str]:
+    """Return the row of the table."""
+    diverged = np.isnan(scores)
+    ends = np.percentile(np.where(diverged, DIVERGED, scores), [0, 25, 50, 75, 100])
+    best = expected(scores)
+    return [
+        f"`{row}`",
+        str(len(scores)),
+        str(diverged.sum()),
+        " / ".join(number(each, 2) for each in ends),
+        *(
+            DASH if n > len(scores) else interval(best.estimate[n - 1], best.low[n - 1], best.high[n - 1], 2)
+            for n in SHOWN
+        ),
+    ]
+
+
+def _first_rung(path: Path) -> list[dict[str, Any]]:
+    """Return the trials of a record's first rung; none if some are still missing."""
+    try:
+        head, *trials = read_rows(path)
+        cells = _cells(_protocol())
+        places = {(candidate, *cell) for candidate in range(len(head["candidates"])) for cell in cells}
+        found = [
+            {"row": head["row"], **{name: one[name] for name in COLUMNS[1:]}}
+            for one in trials
+            if one["rung"] == 0
+        ]
+        done = {tuple(one[name] for name in COLUMNS[1:5]) for one in found}
+    except (KeyError, TypeError, ValueError) as error:
+        raise ConfigurationError(f"{str(path)!r} is not the record of a search: {error}.") from error
+    return found if done >= places else []
+
+
+def _cells(search: dict[str, Any]) -> list[tuple[str, float, int]]:
+    return [
+        (task, noise, seed)
+        for task in search["tasks"]
+        for noise in search["noises"]
+        for seed in search["rungs"][0]["seeds"]
+    ]
+
+
+def _protocol() -> dict[str, Any]:
+    """Return the protocol's section on the search; its command checks every word of it."""
+    return dict(tomllib.loads(seed_pools.PROTOCOL.read_text(encoding="utf-8"))["search"])
