@@ -28,6 +28,7 @@ GROUND = (
     "usbench.coordinates",
     "usbench.seed_pools",
     "usbench.words",
+    "usbench.released",
 )
 
 
@@ -94,7 +95,8 @@ def test_environments_import_only_environments(path):
 
 # What anything that shows results stands on.
 BELOW = tuple(
-    f"usbench.{name}" for name in ("anchors", "atomic", "checks", "coordinates", "records", "tasks")
+    f"usbench.{name}"
+    for name in ["anchors", "atomic", "checks", "coordinates", "records", "released", "tasks"]
 )
 SCENE = ("usbench.setting", "usbench.suite", "usbench.envs")
 # Modules that ask agents, which takes torch.

@@ -61,6 +61,9 @@ def test_wheel_holds_exactly_the_modules_of_the_folders(wheel):
 
 def test_wheel_is_typed_licensed_and_has_the_command(wheel):
     names = wheel.namelist()
+    assert {"weights.npz", "trial.json", "card.md"} <= {
+        name.rpartition("/")[2] for name in names if name.startswith("usbench/trained/best-pp/")
+    }
     assert "usbench/py.typed" in names and "usbench/probes/l7-4.toml" in names
     assert any(name.endswith("licenses/LICENSE") for name in names)
     (entry_points,) = (name for name in names if name.endswith("entry_points.txt"))

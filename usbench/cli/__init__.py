@@ -53,6 +53,7 @@ EXAMPLES = """examples:
   usbench transfer
   usbench leaderboard
   usbench frame --x 10 --depth 35 --angle 60
+  usbench watch best:pp
   usbench watch runs/pp-p0-vpg-s0-f5fd15c6
   usbench plot runs --out figures --format svg
   usbench report

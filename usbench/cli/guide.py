@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 EXAMPLES = """examples:
   usbench guide
+  usbench guide best:fp
+      with a trained agent that comes with the package
   usbench guide runs/pp-p0-vpg-s0-f5fd15c6 --noise 0.25
   usbench guide --task fp --port 8000 --no-browser
   usbench guide --study anna --task pp
@@ -34,7 +36,12 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         "advice and the optimum beside; needs usbench[guide]. Ctrl-C ends it.",
     )
     guide.add_argument(
-        "trial", type=Path, nargs="?", metavar="TRIAL", help="folder of a trial (default: the best in --runs)"
+        "trial",
+        type=Path,
+        nargs="?",
+        metavar="TRIAL",
+        help="folder of a trial, or best:TASK for an agent that comes with the package "
+        "(default: the best of both)",
     )
     guide.add_argument("--task", metavar="NAME", help="task to begin with (default: the trial's, or pp)")
     guide.add_argument("--noise", type=number, metavar="P", help="0..1 (default: the trial's, or 0)")

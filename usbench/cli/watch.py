@@ -10,6 +10,8 @@ from typing import Any
 from usbench.cli.arguments import number
 
 EXAMPLES = """examples:
+  usbench watch best:pp
+      a trained agent that comes with the package
   usbench watch runs/pp-p0-vpg-s0-f5fd15c6
       in the terminal; as a table of text where the output is no terminal
   usbench watch runs/pp-p0-vpg-s0-f5fd15c6 --episode 0 17 --out episodes.mp4
@@ -27,7 +29,12 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         description="Replay episodes of a trial's last evaluation: scene and frame, action, reward, return "
         "beside that of the optimum in the same episode, and what the saved agent advises.",
     )
-    watch.add_argument("trial", type=Path, metavar="TRIAL", help="folder of a trial")
+    watch.add_argument(
+        "trial",
+        type=Path,
+        metavar="TRIAL",
+        help="folder of a trial, or best:TASK for an agent that comes with the package",
+    )
     watch.add_argument(
         "--episode",
         nargs="+",

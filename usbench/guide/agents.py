@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from usbench import records
+from usbench import records, released
 from usbench.agents import zoo
 from usbench.coordinates import TARGET
 from usbench.envs.oracle import Planner
@@ -54,8 +54,13 @@ class Known:
 
     @property
     def name(self) -> str:
-        """Name of the trial."""
-        return self.folder.name
+        """Name of the trial, or of the agent that comes with the package."""
+        return released.name_of(self.folder) if self.is_released else self.folder.name
+
+    @property
+    def is_released(self) -> bool:
+        """Whether it comes with the package."""
+        return self.folder.parent == released.FOLDER
 
     @property
     def task(self) -> str:
@@ -68,17 +73,21 @@ class Known:
 
 
 def find(runs: Path) -> list[Known]:
-    """Return the trials in `runs` that left a model, by name; a trial that cannot be read is left out."""
-    found = [trial for path in records.trial_folders(runs) if (trial := _known(path))]
-    return sorted(found, key=lambda trial: trial.name)
+    """Return the trials in `runs` that left a model, by name, then the agents that come with the package.
+
+    A trial that cannot be read is left out.
+    """
+    trials = sorted(records.trial_folders(runs), key=lambda path: path.name)
+    return [trial for path in (*trials, *released.folders()) if (trial := _known(path))]
 
 
 def known(folder: Path) -> Known:
-    """Return the trial in `folder`.
+    """Return the trial in `folder`, which may be the name of an agent that comes with the package.
 
     Raises:
         ConfigurationError: If there is no trial of an agent that learns.
     """
+    folder = released.place(folder)
     if not (folder / records.TRIAL).is_file():
         raise ConfigurationError(f"{str(folder)!r} is not the folder of a trial: no {records.TRIAL} in it.")
     trial = _known(folder.resolve())
@@ -126,12 +135,13 @@ def _known(folder: Path) -> Known | None:
     try:
         trial = Trial.read(folder)
         config, score = trial.config, _score(trial)
-        if config.task not in GUIDED or not (folder / records.MODEL).is_file():
+        if config.task not in GUIDED or not records.model_in(folder).is_file():
             return None
         if config.algo in zoo.ZOO and not zoo.ZOO[config.algo].learns:
             return None
         setting = Setting.recorded(config)
-        label = f"{config.algo}, seed {config.seed}, noise {config.noise:g}"
+        own = f"{released.name_of(folder)}: " if folder.parent == released.FOLDER else ""
+        label = f"{own}{config.algo}, seed {config.seed}, noise {config.noise:g}"
     except (ValueError, TypeError, KeyError, OSError):
         return None
     label += "" if score is None else f", score {score:.2f}"

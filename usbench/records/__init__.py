@@ -18,7 +18,9 @@ from usbench.records.folder import (
     MODEL,
     TENSORBOARD,
     TRIAL,
+    WEIGHTS,
     create,
+    model_in,
     trial_folders,
     unwritable,
 )
@@ -33,6 +35,7 @@ __all__ = [
     "TENSORBOARD",
     "TRIAL",
     "VOLUME",
+    "WEIGHTS",
     "ConfigurationError",
     "Episode",
     "Evaluation",
@@ -44,6 +47,7 @@ __all__ = [
     "identity",
     "load",
     "means",
+    "model_in",
     "trial_folders",
     "unwritable",
 ]

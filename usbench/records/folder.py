@@ -14,6 +14,8 @@ from usbench.checks import ConfigurationError
 from usbench.records.configuration import TrialConfig
 
 TRIAL, EPISODES, EVALUATIONS, MODEL = "trial.json", "episodes.jsonl", "evaluations.jsonl", "model.zip"
+# The weights of a released agent, as plain arrays; see `usbench.released`.
+WEIGHTS = "weights.npz"
 TENSORBOARD, CHECKPOINTS = "tensorboard", "checkpoints"
 _EARLIER = re.compile(r"\.earlier-\d+$")
 
@@ -74,3 +76,9 @@ def trial_folders(runs: Path) -> list[Path]:
         [runs] if (runs / TRIAL).exists() else sorted(path.parent for path in runs.glob(f"*/{TRIAL}"))
     )
     return [folder for folder in candidates if not _EARLIER.search(folder.name)]
+
+
+def model_in(folder: Path) -> Path:
+    """Return the file of the agent's weights in a trial folder: of a released agent, else of the trial."""
+    released = folder / WEIGHTS
+    return released if released.is_file() else folder / MODEL

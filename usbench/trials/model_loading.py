@@ -8,16 +8,17 @@ import contextlib
 import dataclasses
 import io
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
+import numpy as np
 import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from usbench import records
+from usbench import records, released
 from usbench.agents import plugins, zoo
 from usbench.checks import check_seed
 from usbench.records import ConfigurationError, Trial, TrialConfig
@@ -37,10 +38,11 @@ class Loaded:
 
 
 def load_agent(path: str | Path, *, algo: str | None = None, task: str | None = None) -> Loaded:
-    """Open a trial folder, its `model.zip`, or any `.zip` that Stable-Baselines3 saved; run nothing in it.
+    """Open a trial, a `.zip` that Stable-Baselines3 saved, or an agent of the package; run nothing in it.
 
     Args:
-        path: Trial folder, or zip file. Where `trial.json` lies beside the zip, it says algorithm and task.
+        path: Trial folder, zip file, or the name of an agent that comes with the package ("best:pp"). Where
+            `trial.json` lies beside the zip, it says algorithm and task.
         algo: Algorithm of a zip without `trial.json`; beside one it must be the same. An algorithm of your
             own ("module:name") is imported only if it is named here, since importing it runs its code.
         task: Task of a zip without `trial.json`; beside one it must be the same.
@@ -53,8 +55,8 @@ def load_agent(path: str | Path, *, algo: str | None = None, task: str | None = 
         ConfigurationError: If there is no model, it does not fit the task, or it holds more than numbers; one
             sentence says which.
     """
-    path = Path(path)
-    folder, file = (path, path / records.MODEL) if path.is_dir() else (path.parent, path)
+    path = released.place(path)
+    folder, file = (path, records.model_in(path)) if path.is_dir() else (path.parent, path)
     if (folder / records.TRIAL).is_file():
         config = _recorded(folder, algo, task)
     elif path.is_dir():
@@ -112,7 +114,8 @@ def _load_weights(agent: BaseAlgorithm, file: Path, config: TrialConfig) -> None
     own = agent.policy.state_dict()
     size = sum(tensor.nbytes for tensor in own.values())
     # Names and padding beside the numbers; more would be another network, or made to fill the memory.
-    tensors = _tensors(file, limit=2 * size + 1_000_000)
+    limit = 2 * size + 1_000_000
+    tensors = _arrays(file, limit, own) if file.suffix == ".npz" else _tensors(file, limit)
     misfit = next(
         (f"it has no {name}" for name in own if name not in tensors),
         next((f"{name} is not part of it" for name in tensors if name not in own), None),
@@ -132,6 +135,25 @@ def _load_weights(agent: BaseAlgorithm, file: Path, config: TrialConfig) -> None
     if not all(bool(torch.isfinite(tensor).all()) for tensor in agent.policy.state_dict().values()):
         raise ConfigurationError(f"the model in {str(file)!r} has weights that are not finite numbers.")
     agent.policy.set_training_mode(False)
+
+
+def _arrays(file: Path, limit: int, names: Iterable[str]) -> dict[str, torch.Tensor]:
+    """Read the weights of a released agent, at most `limit` bytes; a target network becomes a copy.
+
+    Only arrays of numbers are read: `allow_pickle=False` refuses objects, which alone could run code. `names`
+    are those of the network's weights.
+    """
+    with _archive(file) as archive:
+        _check_size(archive.infolist(), limit, file)
+    try:
+        with np.load(file, allow_pickle=False) as arrays:
+            tensors = {name: torch.from_numpy(arrays[name]) for name in arrays.files}
+    except Exception as error:
+        raise ConfigurationError(
+            f"{str(file)!r} holds something else than arrays of numbers ({_words(error)})."
+        ) from error
+    copied = {name: name.replace("_net_target.", "_net.") for name in names if "_net_target." in name}
+    return {**{name: tensors[source] for name, source in copied.items() if source in tensors}, **tensors}
 
 
 def _tensors(file: Path, limit: int) -> dict[str, torch.Tensor]:

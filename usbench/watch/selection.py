@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from usbench import released
 from usbench.figures import style
 from usbench.records import ConfigurationError, Trial
 from usbench.setting import Setting
@@ -53,13 +54,14 @@ def choose(folder: Path, numbers: Sequence[Any] = (), *, sampled: bool = False) 
     """Return the episodes `numbers` of a trial's last evaluation; without any, the one of median return.
 
     Args:
-        folder: Of the trial.
+        folder: Of the trial, or the name of an agent that comes with the package ("best:pp").
         numbers: Of evaluation episodes.
         sampled: Whether to select from the episodes with sampled actions, not from those with greedy ones.
 
     Raises:
         ConfigurationError: If `folder` is no trial with evaluations, or has no such episode.
     """
+    folder = released.place(folder)
     try:
         trial = Trial.read(folder)
         evaluation = trial.last_evaluation(deterministic=not sampled)

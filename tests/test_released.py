@@ -1,0 +1,79 @@
+"""The trained agents that come with the package: each plays as its card says, and is found by its name."""
+
+import hashlib
+import re
+
+import pandas as pd
+import pytest
+
+import usbench
+from usbench import cli, records, released
+from usbench.checks import ConfigurationError
+from usbench.guide import agents as guide_agents
+from usbench.setting import Setting
+from usbench.tasks import PAPER
+from usbench.trials.evaluation import Evaluator
+
+LARGEST_BYTES = 8_000_000
+NAMES = released.names()
+
+
+def test_there_are_agents_for_the_papers_tasks():
+    assert {f"{kind}:{task}" for kind in ("best", "vpg") for task in PAPER} <= set(NAMES)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_an_agent_plays_as_its_records_and_its_card_say(name):
+    loaded, folder = usbench.load_agent(name), released.folder_of(name)
+    evaluator = Evaluator(Setting.recorded(loaded.config))
+    played = evaluator.play(loaded.agent, checkpoint=0, step=0, deterministic=True)
+    evaluator.close()
+    trial = records.Trial.read(folder)
+    score = trial.anchors.score(pd.DataFrame([one.as_row() for one in played])["return"].mean())
+    said = re.search(r"\| this agent \| \S+ \| (\S+) \[", (folder / released.CARD).read_text())
+    # Another kind of processor rounds otherwise, and may then choose another of two equal actions.
+    assert score == pytest.approx(float(said[1]), abs=0.01)
+    recorded = trial.last_evaluation(deterministic=True)["return"].mean()
+    assert trial.anchors.score(recorded) == pytest.approx(score, abs=0.01)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_card_tells_the_digest_of_the_weights(name):
+    folder = released.folder_of(name)
+    digest = hashlib.sha256((folder / records.WEIGHTS).read_bytes()).hexdigest()
+    assert digest in (folder / released.CARD).read_text()
+
+
+def test_all_agents_together_are_small():
+    files = [path for path in released.FOLDER.rglob("*") if path.is_file()]
+    assert sum(path.stat().st_size for path in files) < LARGEST_BYTES
+
+
+def test_a_name_without_an_agent_is_refused_with_the_names_that_there_are(capsys):
+    with pytest.raises(ConfigurationError, match=r"no trained agent 'best:nothing' .*: there are best:fp, "):
+        usbench.load_agent("best:nothing")
+    assert cli.main(["watch", "best:nothing"]) == 2
+    error = capsys.readouterr().err
+    assert "there are best:fp, " in error and error.count("\n") == 1
+    with pytest.raises(ConfigurationError, match="there are best:fp, "):
+        guide_agents.known("best:nothing")
+
+
+def test_a_folder_of_that_name_comes_first(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "best:pp").mkdir()
+    assert released.place("best:pp").resolve() == tmp_path / "best:pp"
+
+
+def test_an_agent_is_watched_by_its_name(capsys):
+    assert cli.main(["watch", "best:pp", "--episode", "0"]) == 0
+    assert "evaluation episode 0" in capsys.readouterr().out
+
+
+def test_the_guide_offers_the_agents_and_begins_with_the_best(tmp_path):
+    found = guide_agents.find(tmp_path)
+    assert {one.name for one in found} == {
+        name for name in NAMES if name.split(":")[1] in guide_agents.GUIDED
+    }
+    best = guide_agents.best(found, Setting(task="pp"))
+    assert best.is_released and best.score == max(one.score for one in found if one.task == "pp")

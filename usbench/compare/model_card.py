@@ -1,0 +1,173 @@
+"""The model card of a released agent, written from the records of its trial.
+
+Its parts follow Mitchell et al., "Model Cards for Model Reporting" (2019): what the agent is, for
+what, how it was evaluated, how it was trained, and what it cannot do.
+"""
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+from scipy import stats
+
+from usbench import records, seed_pools
+from usbench.agents import zoo
+from usbench.records import Trial
+from usbench.results import held_out, published
+from usbench.setting import Setting
+
+N_RESAMPLES = 10_000
+N_WORST = 3
+
+
+def text(trial: Trial, name: str, scores: Sequence[tuple[str, int, float]], weights: str) -> str:
+    """Return the card as Markdown.
+
+    Args:
+        trial: The trial whose agent is released.
+        name: What the agent is called, for example "best:pp".
+        scores: Algorithm, seed and score of all trials among which it was chosen, its own among them.
+        weights: SHA-256 of the file of its weights.
+    """
+    setting = Setting.recorded(trial.config)
+    greedy = trial.last_evaluation(deterministic=True)
+    parts = {
+        f"{name}: {trial.config.algo} on {trial.config.task}": _what(trial, setting, name),
+        "How well it does": _evaluation(trial, setting, greedy),
+        "How it was chosen": _choice(trial, scores),
+        "How it was trained": _training(trial),
+        "What it cannot do": _limits(trial, setting, greedy),
+        "Digests": _digests(trial, weights),
+    }
+    (title, first), *others = parts.items()
+    sections = [f"# {title}\n\n{first}", *(f"## {heading}\n\n{body}" for heading, body in others)]
+    return "\n\n".join(sections) + "\n"
+
+
+def _what(trial: Trial, setting: Setting, name: str) -> str:
+    config = trial.config
+    rows = {
+        "task": f"`{config.task}` (`{setting.row.env_id}`): {setting.guidance.title}",
+        "algorithm": f"`{config.algo}`: {zoo.entry(config.algo).title}",
+        "sees": f"the last {config.n_frames} B-mode frames, {setting.imaging.height_px} x "
+        f"{setting.imaging.width_px} pixels",
+        "is told": ", ".join(setting.senses or ()) or "nothing beside the frames",
+        "chooses among": ", ".join(action.name for action in setting.guidance.actions),
+    }
+    used = (
+        f"`usbench watch {name}` shows it, `usbench guide {name}` lets it advise a person, and "
+        f'`usbench.load_agent("{name}")` returns it.'
+    )
+    return f"{_table(('', ''), rows.items())}\n\n{used}"
+
+
+def _evaluation(trial: Trial, setting: Setting, greedy: pd.DataFrame) -> str:
+    means = records.means(greedy)
+    low, high = interval(greedy["normalized_score"].to_numpy(np.float64))
+    rows: list[tuple[str, ...]] = [
+        (
+            "this agent",
+            f"{means['return']:.2f}",
+            f"{trial.anchors.score(means['return']):.3f} [{low:.3f}, {high:.3f}]",
+        ),
+        ("optimum", f"{trial.anchors.optimal:.2f}", "1"),
+        ("random agent", f"{trial.anchors.random:.2f}", "0"),
+    ]
+    where = "unseen phantoms" if setting.row.phantoms else "the phantom of the training"
+    return (
+        f"{len(greedy)} evaluation episodes on {where}, greedy actions; in brackets the 95 % bootstrap "
+        "interval over these episodes, whose starts differ in what can be reached from them. The last pose "
+        f"is the goal in {100 * means['success_rate']:.0f} % of the episodes.\n\n"
+        + _table(("", "return", "score"), rows)
+    )
+
+
+def interval(scores: npt.NDArray[np.float64]) -> tuple[float, float]:
+    """Return the 95 % percentile bootstrap interval of the mean of scores (n_episodes,)."""
+    if np.ptp(scores) == 0:
+        return float(scores[0]), float(scores[0])
+    found = stats.bootstrap(
+        (scores,), np.mean, n_resamples=N_RESAMPLES, method="percentile", rng=np.random.default_rng(0)
+    )
+    return float(found.confidence_interval.low), float(found.confidence_interval.high)
+
+
+def _choice(trial: Trial, scores: Sequence[tuple[str, int, float]]) -> str:
+    seed = trial.config.seed
+    pool = seed_pools.own().of(seed) or "no"
+    others = sorted(scores, key=lambda row: (-row[2], row[0], row[1]))
+    return (
+        f"It is the trial of seed {seed} (of the pool for {pool}) with the highest score, of the "
+        f"{len(scores)} trials below. A score by which an agent was chosen is higher than what its "
+        "algorithm reaches on average, which the leaderboard says.\n\n"
+        + _table(
+            ("algorithm", "seed", "score"),
+            [(f"`{algo}`", str(seed), f"{score:.3f}") for algo, seed, score in others],
+        )
+    )
+
+
+def _training(trial: Trial) -> str:
+    config = trial.config
+    rows = trial.evaluations()
+    curve = rows[rows["deterministic"]].groupby("checkpoint")["normalized_score"].mean()
+    minutes = trial.timings.get("training_s", 0.0) / 60
+    options = [f"--algo {config.algo}", f"--task {config.task}", f"--seed {config.seed}"]
+    settings = ", ".join(f"{name}={value:g}" for name, value in config.hyperparameters.items())
+    versions = ", ".join(f"{name} {version}" for name, version in sorted(trial.versions.items()))
+    return (
+        f"{config.steps} steps without noise, {minutes:.1f} minutes on one core:\n\n"
+        f"```\nusbench run {' '.join(options)}\n```\n\n"
+        f"Hyperparameters: {settings}. Versions: {versions}.\n\nThe learning curve, greedy actions:\n\n"
+        + _table(("step", "score"), [(str(step), f"{score:.3f}") for step, score in curve.items()])
+    )
+
+
+def _limits(trial: Trial, setting: Setting, greedy: pd.DataFrame) -> str:
+    said = [
+        "It has only ever seen simulated frames of a phantom: it says nothing about patients, and is no "
+        "medical device.",
+        "It knows one probe and one imaging, the defaults. With others, its advice means nothing.",
+        "It was trained without noise: where the probe slips, it does worse.",
+    ]
+    if setting.row.phantoms:
+        said.append("It knows tissue of the kind of these phantoms, with the same object of six balls.")
+    else:
+        said.append("It knows one phantom. " + _unseen(trial))
+    missed = greedy[~greedy["is_success"].astype(bool)].sort_values("return", kind="stable")
+    if not missed.empty:
+        worst = ", ".join(
+            f"{row['eval_episode']} (score {row['normalized_score']:.2f})"
+            for row in missed.head(N_WORST).to_dict("records")
+        )
+        said.append(
+            f"It does not end at the goal in {len(missed)} of {len(greedy)} episodes; the worst: {worst}."
+        )
+    return "\n".join(f"* {sentence}" for sentence in said)
+
+
+def _unseen(trial: Trial) -> str:
+    """Return what the track of unseen phantoms says of this trial."""
+    tested = held_out.read(published.folder())
+    own = tested[tested["trial"] == trial.name].to_dict("records")
+    if not own:
+        return "On other phantoms its advice means little (`usbench transfer` measures how little)."
+    return f"On unseen phantoms (`{own[0]['task']}`) its score is {own[0]['normalized_score']:.3f}."
+
+
+def _digests(trial: Trial, weights: str) -> str:
+    frames = trial.frames.digest if trial.frames else "none"
+    return _table(
+        ("", "SHA-256"),
+        [
+            ("frames of the evaluation", f"`{frames}`"),
+            ("weights", f"`{weights}`"),
+            ("trial", f"`{trial.name}`"),
+        ],
+    )
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)

@@ -1,0 +1,106 @@
+"""From folders of trials to the trained agents that come with the package: which, and what of each trial."""
+
+import json
+import shutil
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from usbench import records, released
+from usbench.agents import zoo
+from usbench.atomic import atomic_file
+from usbench.compare import model_card
+from usbench.records import ConfigurationError, Trial, checksums
+from usbench.setting import Setting
+from usbench.tasks import PAPER
+from usbench.trials.model_loading import load_agent
+
+# The paper's agent is released on the paper's tasks, whether it is the best there or not.
+OWN = "vpg"
+DECIMALS = 6
+# Copies of other weights, which only training needs: `load_agent` copies them again.
+TARGET_NETWORK = "_net_target."
+
+
+def write(
+    runs: Sequence[Path], folder: Path = released.FOLDER, tell: Callable[[str], None] = lambda _: None
+) -> list[Path]:
+    """Write the released agents that are chosen from the trials in `runs` again; return their folders.
+
+    The same trials give the same bytes.
+
+    Args:
+        runs: Folders of trials, or single trials.
+        folder: Where the agents are written, each into a folder; those that were there are removed.
+        tell: Told which trial becomes which agent.
+
+    Raises:
+        ConfigurationError: If no trial can be released, or a model cannot be opened.
+        FileNotFoundError: If one of `runs` is no folder.
+        ValueError: If a record is damaged.
+    """
+    trials = [trial for path in runs for trial in records.load_trials(path) if _can_be_released(trial)]
+    if not trials:
+        raise ConfigurationError(
+            f"there is no finished trial to release in {', '.join(repr(str(path)) for path in runs)}: it "
+            "must be of an algorithm of this package, on its task as it is, without noise."
+        )
+    before = [card.parent for card in folder.glob(f"*/{released.CARD}")]
+    made = []
+    for name, trial in chosen(trials).items():
+        tell(f"{name}: {trial.name}")
+        same = [one for one in trials if one.config.task == trial.config.task]
+        made.append(_write(trial, folder / name.replace(":", "-", 1), name, same))
+    for path in before:
+        if path not in made:
+            shutil.rmtree(path)
+    return made
+
+
+def chosen(trials: Sequence[Trial]) -> dict[str, Trial]:
+    """Return the trial of each released agent by its name: the best of each task, and the paper's agent."""
+    ranked = sorted(trials, key=lambda trial: (-_score(trial), trial.config.seed, trial.name))
+    found: dict[str, Trial] = {}
+    for trial in ranked:
+        found.setdefault(f"best:{trial.config.task}", trial)
+        if trial.config.algo == OWN and trial.config.task in PAPER:
+            found.setdefault(f"{OWN}:{trial.config.task}", trial)
+    return dict(sorted(found.items()))
+
+
+def _can_be_released(trial: Trial) -> bool:
+    """Return whether it is finished, of this package's algorithms, and on its task as it is."""
+    config = trial.config
+    if trial.status != "finished" or config.noise or config.algo not in zoo.ZOO or not config.steps:
+        return False
+    return dict(config.environment) == json.loads(json.dumps(Setting(task=config.task).record()))
+
+
+def _score(trial: Trial) -> float:
+    """Return the mean score of its last evaluation with greedy actions, as precise as scores are compared."""
+    return round(float(trial.last_evaluation(deterministic=True)["normalized_score"].mean()), DECIMALS)
+
+
+def _write(trial: Trial, folder: Path, name: str, same: Sequence[Trial]) -> Path:
+    """Write the released agent of a trial into `folder`; `same` are all trials of its task."""
+    if folder.exists():
+        shutil.rmtree(folder)
+    folder.mkdir(parents=True)
+    policy = load_agent(trial.folder).agent.policy
+    arrays = {key: tensor.numpy() for key, tensor in policy.state_dict().items() if TARGET_NETWORK not in key}
+    with atomic_file(folder / records.WEIGHTS) as file:
+        np.savez(file, **arrays)
+    last = f'"checkpoint": {trial.config.steps}, '
+    lines = (trial.folder / records.EVALUATIONS).read_text().splitlines(keepends=True)
+    with atomic_file(folder / records.EVALUATIONS) as file:
+        file.write("".join(line for line in lines if last in line).encode())
+    # The machine says nothing of the agent.
+    own = replace(trial, folder=folder, platform="", checksums=checksums.of(folder, (records.EVALUATIONS,)))
+    own.write()
+    scores = [(one.config.algo, one.config.seed, _score(one)) for one in same]
+    with atomic_file(folder / released.CARD) as file:
+        weights = checksums.of(folder, (records.WEIGHTS,))[records.WEIGHTS]
+        file.write(model_card.text(trial, name, scores, weights).encode())
+    return folder

@@ -1,0 +1,53 @@
+"""The trained agents that come with the package, by name: "best:pp", and "vpg:pp" for the paper's agent.
+
+Each is the folder of a trial in small: `trial.json`, the episodes of its last evaluation, the weights as
+plain arrays (`weights.npz`, which no code is needed to read) and `card.md`, its model card. All that takes
+the folder of a trial takes a name too.
+"""
+
+import re
+from pathlib import Path
+
+from usbench.checks import ConfigurationError
+
+# `make release-agents` writes it.
+FOLDER = Path(__file__).with_name("trained")
+CARD = "card.md"
+_NAME = re.compile(r"(best|vpg):(.*)")
+
+
+def folders() -> list[Path]:
+    """Return the folders of all released agents, by name."""
+    return sorted(path.parent for path in FOLDER.glob(f"*/{CARD}"))
+
+
+def names() -> list[str]:
+    """Return the names of all released agents."""
+    return [name_of(folder) for folder in folders()]
+
+
+def name_of(folder: Path) -> str:
+    """Return the name of the released agent in `folder`, "best:pp" of "best-pp"."""
+    return folder.name.replace("-", ":", 1)
+
+
+def folder_of(name: str) -> Path:
+    """Return the folder of the released agent `name`, whether there is one or not; inverse of `name_of`."""
+    return FOLDER / name.replace(":", "-", 1)
+
+
+def place(path: str | Path) -> Path:
+    """Return the folder of the released agent where `path` is the name of one; any other path as it is.
+
+    Raises:
+        ConfigurationError: If `path` is such a name, but there is no such agent; the message lists all.
+    """
+    found = _NAME.fullmatch(str(path))
+    if found is None or Path(path).exists():
+        return Path(path)
+    if str(path) not in names():
+        raise ConfigurationError(
+            f"no trained agent {str(path)!r} comes with the package: there are "
+            f"{', '.join(names()) or 'none'}."
+        )
+    return folder_of(str(path))
