@@ -12,7 +12,7 @@ import pandas as pd
 from scipy import stats
 
 from usbench import records, seed_pools
-from usbench.agents import zoo
+from usbench.agents.zoo import entry
 from usbench.records import Trial
 from usbench.results import held_out, published
 from usbench.setting import Setting
@@ -49,7 +49,7 @@ def _what(trial: Trial, setting: Setting, name: str) -> str:
     config = trial.config
     rows = {
         "task": f"`{config.task}` (`{setting.row.env_id}`): {setting.guidance.title}",
-        "algorithm": f"`{config.algo}`: {zoo.entry(config.algo).title}",
+        "algorithm": f"`{config.algo}`: {entry(config.algo).title}",
         "sees": f"the last {config.n_frames} B-mode frames, {setting.imaging.height_px} x "
         f"{setting.imaging.width_px} pixels",
         "is told": ", ".join(setting.senses or ()) or "nothing beside the frames",

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from usbench import records, released
-from usbench.agents import zoo
+from usbench.agents.zoo import ZOO
 from usbench.atomic import atomic_file
 from usbench.compare import model_card
 from usbench.records import ConfigurationError, Trial, checksums
 from usbench.setting import Setting
-from usbench.tasks import PAPER
+from usbench.suite import PAPER
 from usbench.trials.model_loading import load_agent
 
 # The paper's agent is released on the paper's tasks, whether it is the best there or not.
@@ -73,7 +73,7 @@ def chosen(trials: Sequence[Trial]) -> dict[str, Trial]:
 def _can_be_released(trial: Trial) -> bool:
     """Return whether it is finished, of this package's algorithms, and on its task as it is."""
     config = trial.config
-    if trial.status != "finished" or config.noise or config.algo not in zoo.ZOO or not config.steps:
+    if trial.status != "finished" or config.noise or config.algo not in ZOO or not config.steps:
         return False
     return dict(config.environment) == json.loads(json.dumps(Setting(task=config.task).record()))
 
