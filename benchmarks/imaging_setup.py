@@ -134,6 +134,13 @@ def reach(focal_depth_mm: int = 50) -> Table:
     return table
 
 
+# Of the two measures that are drawn.
+LOOKS = (
+    {"color": "#0072b2", "linestyle": "-", "marker": "o"},
+    {"color": "#d55e00", "linestyle": "--", "marker": "s"},
+)
+
+
 def figure(store: FrameStore, quality: Quality, best: Setup) -> Figure:
     """Return a figure with a row for each setting: frames at both ends and the best value, and quality."""
     drawn = Figure(figsize=(10.5, 9.6), dpi=110, layout="constrained")
@@ -146,8 +153,7 @@ def figure(store: FrameStore, quality: Quality, best: Setup) -> Figure:
         row[0].set_ylabel(f"{name}\ndepth (mm)")
         values = [getattr(pose, setting) / scale for pose in poses]
         for kind, label in enumerate(list(MEASURES)[:2]):
-            look = style.styles(tuple(MEASURES)[:2])[label]
-            row[3].plot(values, [quality[pose][kind] for pose in poses], label=label, **look)
+            row[3].plot(values, [quality[pose][kind] for pose in poses], label=label, **LOOKS[kind])
         row[3].set(xlabel=f"{name} ({unit})", ylim=(0, 2.75))
         row[3].grid(alpha=0.3)
     axes[0, 3].legend(fontsize=9, loc="lower center")

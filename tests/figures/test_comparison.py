@@ -2,9 +2,12 @@
 
 import pytest
 from made_tables import made, seeds, trial
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.text import Text
 from PIL import Image
 
-from usbench.figures import comparison, paper, style
+from usbench.figures import comparison, looks, paper, style
+from usbench.results import scores
 
 GRID = [
     row
@@ -89,27 +92,106 @@ def test_axes_tell_their_units():
     assert drawn["learning_curves_cpu"].axes[-1].get_xlabel() == "minutes of CPU time in training"
     assert "0 random, 1 optimum" in drawn["learning_curves"].get_supylabel()
     assert "0 random, 1 optimum" in drawn["scores"].axes[-1].get_xlabel()
+    wide = comparison.final_scores(
+        made(*(row for noise in (0, 0.2, 0.5) for row in seeds("vpg", [0.5], noise=noise)))
+    )
+    assert [axis.get_xlabel() for axis in wide.axes] == ["normalised score"] * 3
     assert "(mm)" in paper.figure5(known).axes[0].get_ylabel()
-
-
-def test_styles_differ_in_colour_line_and_marker():
-    looks = style.styles(["g", "f", "e", "d", "c", "b", "a"])
-    for key in ("color", "linestyle", "marker"):
-        assert len({str(look[key]) for look in looks.values()}) == 7
-    assert list(looks) == sorted(looks)
-
-
-def test_more_agents_than_colours_differ_all_the_same():
-    looks = style.styles(f"agent{k}" for k in range(30))
-    assert len({str(look) for look in looks.values()}) == 30
 
 
 def test_an_agent_looks_the_same_in_all_figures():
     others = [row for task in ("exam", "setup") for row in seeds("vpg", [0.3, 0.4], task=task)]
     drawn = comparison.draw(made(*GRID, *others))
-    color = style.styles(["ppo", "vpg"])["vpg"]["color"]
-    for name in ("other_learning_curves", "other_performance_profiles"):
-        assert {line.get_color() for line in drawn[name].axes[0].lines[:1]} == {color}
+    for name in ("learning_curves", "other_learning_curves", "other_performance_profiles"):
+        lines = {line.get_color(): line.get_marker() for line in drawn[name].axes[0].lines}
+        assert lines[looks.KNOWN["vpg"]["color"]] in (looks.KNOWN["vpg"]["marker"], "v")
+
+
+def texts(figure):
+    """All texts of a figure that are shown, with their sizes in CSS pixels where the figure is shown."""
+    FigureCanvasAgg(figure).draw()
+    scale = style.SHOWN_PX / figure.get_figwidth() / 72
+    return {
+        text.get_text(): text.get_fontsize() * scale
+        for text in figure.findobj(Text)
+        if text.get_text() and text.get_visible()
+    }
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_text_is_nine_pixels_high_at_least_where_it_is_shown(name):
+    figure = comparison.draw(made(*GRID, trial("oracle", 0.99)))[name]
+    found = texts(figure)
+    assert len(found) > 5
+    assert {text: size for text, size in found.items() if size < 9} == {}
+    assert figure.get_figwidth() * 96 <= style.SHOWN_PX + 1e-9
+
+
+def inside(figure):
+    """Say whether all that is drawn lies within the figure: no label is cut off."""
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    drawn = figure.get_tightbbox(canvas.get_renderer())
+    width, height = figure.get_size_inches()
+    return drawn.x0 >= 0 and drawn.y0 >= 0 and drawn.x1 <= width and drawn.y1 <= height
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_no_label_is_cut_off_even_of_long_names_and_few_trials(name):
+    long = "my_algorithm_with_a_long_name"
+    assert inside(comparison.draw(made(trial("vpg", 0.5), trial(long, 0.7)))[name])
+
+
+def test_scores_begin_at_0_and_what_lies_below_is_marked_with_its_number():
+    figure = comparison.final_scores(made(*seeds("ppo", [-0.38, 0.7]), *seeds("vpg", [0.5, 0.6])))
+    (axis,) = figure.axes
+    assert axis.get_xlim()[0] == 0
+    assert [text.get_text() for text in axis.texts] == ["-0.38"]
+    known = made(*seeds("ppo", [-0.38, -0.2]))
+    curves = comparison.learning_curves(known, scores.learning_curves(known))
+    (axis,) = curves.axes
+    assert axis.get_ylim()[0] == 0
+    (marks,) = [line for line in axis.lines if line.get_marker() == "v"]
+    # Below 0 at half of the budget and at its end; at its start the score is 0.
+    assert list(marks.get_xdata()) == [8032, 16064]
+
+
+def test_oracle_and_ceiling_are_lines_beside_those_that_learn():
+    trials = (*seeds("vpg", [0.2, 0.3], task="pp-random"), trial("oracle", 0.98, task="pp-random"))
+    figure = comparison.final_scores(made(*trials, trial("stay", -0.1, task="pp-random")))
+    (axis,) = figure.axes
+    assert [label.get_text() for label in axis.get_yticklabels()] == ["vpg"]
+    (legend,) = figure.legends
+    words = [text.get_text() for text in legend.get_texts()]
+    assert words == ["optimum", "oracle in these episodes", "ceiling of what an agent is told"]
+    upright = [line.get_xdata()[0] for line in axis.lines if len(set(line.get_xdata())) == 1]
+    assert {1.0, 0.98, 0.891} <= set(upright)
+
+
+def test_rows_and_legends_are_ranked():
+    drawn = comparison.draw(made(*GRID))
+    rows = [label.get_text() for label in drawn["scores"].axes[0].get_yticklabels()]
+    assert rows == ["vpg", "ppo"]  # from below
+    for name in ("learning_curves", "performance_profiles"):
+        assert [text.get_text() for text in drawn[name].legends[0].get_texts()][:2] == ["ppo", "vpg"]
+
+
+def test_pairs_are_sentences():
+    (axis,) = comparison.improvement(made(*GRID)).axes
+    assert [label.get_text() for label in axis.get_yticklabels()] == ["P(ppo beats vpg)"]
+
+
+def test_there_is_no_panel_and_no_row_without_data():
+    # ppo in one task with two noises, vpg in another task without noise: a grid would have empty panels.
+    trials = [row for noise in (0.0, 0.5) for row in seeds("ppo", [0.5, 0.6], noise=noise)]
+    drawn = comparison.draw(made(*trials, *seeds("vpg", [0.7, 0.8], task="pp")))
+    for name in ("scores", "learning_curves"):
+        titles = [axis.get_title() for axis in drawn[name].axes]
+        assert titles == ["fp, noise 0", "fp, noise 0.5", "pp, noise 0"]
+    rows = [[label.get_text() for label in axis.get_yticklabels()] for axis in drawn["scores"].axes]
+    assert rows == [["ppo"], ["ppo"], ["vpg"]]
+    shown = [axis for axis in drawn["figure4"].axes if axis.axison]
+    assert [axis.get_title() for axis in shown] == ["ppo: (a) focal point", "vpg: (b) probe's plane"]
 
 
 def test_tasks_of_one_noise_stand_beside_each_other():

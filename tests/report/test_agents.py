@@ -53,7 +53,7 @@ def test_figures_of_few_lines_are_vectors_and_others_pixels():
     axes[0, 0].plot(np.random.default_rng(0).random((200, 40)))
     many = pictures.from_figure(figure)
     assert content(many)[0] == "data:image/png"
-    assert (few.width, few.height) == (many.width, many.height) == (round(4.2 * 96), round(3.5 * 96))
+    assert (few.width, few.height) == (many.width, many.height) == (style.SHOWN_PX, round(2.8 * 96))
 
 
 def test_films_hold_every_page_for_its_time():

@@ -1,8 +1,12 @@
 """The table of ceilings that comes with the package."""
 
+import pkgutil
+
 import pytest
 
+from usbench.results import ceilings
 from usbench.results.ceilings import ceiling
+from usbench.tasks import row_of
 
 
 def test_more_senses_allow_more_and_actions_are_known_anyway():
@@ -16,3 +20,9 @@ def test_more_senses_allow_more_and_actions_are_known_anyway():
 @pytest.mark.parametrize("task", ["pp", "exam-random", "setup"])
 def test_other_tasks_have_none(task):
     assert ceiling(task, ()) is None
+
+
+@pytest.mark.parametrize("task", ceilings.TASKS)
+def test_the_senses_of_a_task_are_those_of_its_environment(task):
+    assert ceilings.TASKS[task] == pkgutil.resolve_name(row_of(task).entry_point).default_senses
+    assert ceiling(task) == ceiling(task, ceilings.TASKS[task])

@@ -7,10 +7,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
-from usbench.figures import paper, style
+from usbench.figures import looks, paper, style
+from usbench.figures.cells import cell_panels
 from usbench.results import ranking, scores, stats
 from usbench.results.agents import named
+from usbench.results.ceilings import ceiling
 from usbench.results.scores import SCORED, Cell
 from usbench.results.tables import Results
 
@@ -18,12 +21,17 @@ SCORE = "normalised score (0 random, 1 optimum)"
 # What learning curves are drawn over, by the column of `scores.learning_curves`.
 OVER = {"step": "training steps", "minutes": "minutes of CPU time in training"}
 N_THRESHOLDS = 141
-WIDEST = 3  # panels beside each other
-Looks = Mapping[str, dict[str, Any]]
-# Agents that do not learn.
-FIXED = {"color": "0.5", "marker": "D"}
+# Agents that do not learn: lines and anchors beside those that do, rows where there are no others.
+REFERENCES = ("oracle", "random", "stay")
 # Without caps, which would lengthen an interval.
 BAR: dict[str, Any] = {"linewidth": 4, "solid_capstyle": "butt"}
+# Of score axes, beyond the optimum's 1 so that its marks are whole.
+HIGHEST = 1.06
+# Of the axis; where the marks of what lies below 0 stand.
+CLIPPED_AT = 0.015
+OPTIMUM: dict[str, Any] = {"color": "black", "linestyle": "-.", "linewidth": 1}
+ORACLE: dict[str, Any] = {"color": "0.5", "linestyle": "--", "linewidth": 1.2}
+CEILING: dict[str, Any] = {"color": "#882255", "linestyle": ":", "linewidth": 1.6}
 
 
 def write(known: Results, folder: Path, formats: Sequence[str] = ("png",)) -> list[Path]:
@@ -44,100 +52,106 @@ def write(known: Results, folder: Path, formats: Sequence[str] = ("png",)) -> li
 def draw(known: Results) -> dict[str, Figure | None]:
     """Return every figure by its name, None where there are no results for one."""
     drawn = {}
-    looks = styles(known)
     for part, own in scores.parts(known).items():
         prefix = "other_" if part == scores.OTHERS else ""
-        drawn[f"{prefix}scores"] = final_scores(own, looks)
+        drawn[f"{prefix}scores"] = final_scores(own)
         curves = scores.learning_curves(own)
-        drawn[f"{prefix}learning_curves"] = learning_curves(curves, looks)
-        drawn[f"{prefix}learning_curves_cpu"] = learning_curves(curves, looks, over="minutes")
-        drawn[f"{prefix}performance_profiles"] = performance_profiles(own, looks)
+        drawn[f"{prefix}learning_curves"] = learning_curves(own, curves)
+        drawn[f"{prefix}learning_curves_cpu"] = learning_curves(own, curves, over="minutes")
+        drawn[f"{prefix}performance_profiles"] = performance_profiles(own)
         drawn[f"{prefix}improvement"] = improvement(own)
     return drawn | {"figure4": paper.figure4(known), "figure5": paper.figure5(known)}
 
 
-def styles(known: Results) -> Looks:
-    """Return how every agent that learns is drawn, the same in all figures."""
-    learning = known.trials[known.trials["steps"] > 0]
-    return style.styles([*learning["algo"], *named(learning)["agent"]])
-
-
-def final_scores(known: Results, looks: Looks) -> Figure | None:
+def final_scores(known: Results) -> Figure | None:
     """Draw the score of every agent in every cell with its interval; small circles are its seeds."""
-    last = known.curves[known.curves["kind"] == SCORED].groupby("trial").tail(1)
-    table = last.merge(named(known.trials), on="trial")
+    table = _final(known)
     if table.empty:
         return None
-    order = table.groupby("agent")["normalized_score"].median().sort_values(kind="stable")
-    agents = list(order.index)
-    figure, cells = _cell_panels(table, SCORE, height=0.5 + 0.28 * len(agents), sharex=True, sharey=True)
-    for cell, axis in cells.items():
-        own = table[(table["task"] == cell[0]) & (table["noise"] == cell[1])]
-        for agent, rows in own.groupby("agent"):
-            height = agents.index(str(agent))
-            matrix = rows[["normalized_score"]].to_numpy(np.float64)
-            interval = _bootstrap(matrix)
-            look = looks.get(str(agent), FIXED)
-            axis.plot(
-                matrix[:, 0], np.full(len(matrix), height + 0.25), "o", color="0.4", fillstyle="none", ms=4
-            )
-            axis.plot([interval.low, interval.high], [height, height], color=look["color"], **BAR)
-            axis.plot(interval.estimate, height, look["marker"], color=look["color"], markersize=7)
-        for anchor, line in ((0, ":"), (1, "-.")):
-            axis.axvline(anchor, color="black", linestyle=line, linewidth=1)
-        axis.set_yticks(range(len(agents)), agents)
-        axis.set_ylim(-0.5, len(agents) - 0.4)
-    figure.suptitle("IQM over seeds with 95 % bootstrap interval;\ncircles are single seeds", fontsize=10)
+    rows = table[~table["agent"].isin(REFERENCES)]
+    rows = table if rows.empty else rows
+    worst_first = _ranked(rows)[::-1]
+    here = {cell: [name for name in worst_first if name in set(own["agent"])] for cell, own in _by_cell(rows)}
+    same = len({tuple(names) for names in here.values()}) == 1
+    figure, panels = cell_panels(
+        {cell: 0.4 + 0.19 * len(names) for cell, names in here.items()}, SCORE, sharex=True, sharey=same
+    )
+    for cell, axis in panels.items():
+        own = rows[(rows["task"] == cell.task) & (rows["noise"] == cell.noise)]
+        for height, agent in enumerate(here[cell]):
+            matrix = own.loc[own["agent"] == agent, ["normalized_score"]].to_numpy(np.float64)
+            _score_row(axis, height, matrix, looks.agents([agent])[agent])
+        _score_lines(axis.axvline, cell, table)
+        axis.set_yticks(range(len(here[cell])), here[cell])
+        axis.set_ylim(-0.5, len(here[cell]) - 0.3)
+        axis.set_xlim(0, max(HIGHEST, rows["normalized_score"].max() + 0.03))
+    _line_legend(figure, list(panels), table)
+    figure.suptitle(
+        "IQM over seeds with 95 % bootstrap interval; circles are single seeds,\n"
+        "a triangle and a number stand for what lies below 0",
+        fontsize=style.TEXT,
+    )
     return figure
 
 
-def learning_curves(table: pd.DataFrame, looks: Looks, over: str = "step") -> Figure | None:
+def learning_curves(known: Results, table: pd.DataFrame, over: str = "step") -> Figure | None:
     """Draw the score in every cell with its interval, over training steps or, for "minutes", CPU time.
 
-    `table` is what `scores.learning_curves` gives.
+    `table` is what `scores.learning_curves` gives for `known`.
     """
     if table.empty:
         return None
-    figure, cells = _cell_panels(table, OVER[over], sharey=True)
+    final = _final(known)
+    cells = dict(_by_cell(table))
+    figure, panels = cell_panels(dict.fromkeys(cells, 1.9), OVER[over], sharey=True)
+    drawn = looks.agents(table["agent"])
     handles = {}
-    for cell, axis in cells.items():
-        own = table[(table["task"] == cell[0]) & (table["noise"] == cell[1])]
-        for agent, rows in own.groupby("agent"):
-            look = looks[str(agent)]
-            handles[str(agent)] = axis.plot(rows[over], rows["score"], markersize=4, **look)[0]
+    for cell, axis in panels.items():
+        for name, rows in cells[cell].groupby("agent"):
+            agent = str(name)
+            look = drawn[agent]
+            (handles[agent],) = axis.plot(rows[over], rows["score"], markersize=3.5, linewidth=1.2, **look)
             band = (rows["score_low"], rows["score_high"])
-            axis.fill_between(rows[over], *band, color=look["color"], alpha=0.12, linewidth=0)
-        for anchor, line in ((0, ":"), (1, "-.")):
-            axis.axhline(anchor, color="black", linestyle=line, linewidth=1)
-        axis.locator_params(axis="x", nbins=5)
-    figure.supylabel(SCORE, fontsize=10)
-    style.legend(figure, [handles[name] for name in sorted(handles)], sorted(handles))
-    figure.suptitle(f"{SCORED} actions: IQM over seeds\nwith 95 % bootstrap band", fontsize=10)
+            axis.fill_between(rows[over], *band, color=look["color"], alpha=0.1, linewidth=0)
+            below = rows.loc[rows["score"] < 0, over]
+            axis.plot(below, np.full(len(below), CLIPPED_AT), "v", color=look["color"], markersize=4)
+        _score_lines(axis.axhline, cell, final)
+        axis.set_ylim(0, max(HIGHEST, table["score"].max() + 0.03))
+        axis.locator_params(axis="x", nbins=4)
+    figure.supylabel(SCORE, fontsize=style.TEXT)
+    ranked = _ranked(final[final["agent"].isin(set(handles))])
+    _line_legend(figure, list(panels), final, {agent: handles[agent] for agent in ranked})
+    figure.suptitle(
+        f"{SCORED} actions: IQM over seeds with 95 % bootstrap band;\na triangle stands for a score below 0",
+        fontsize=style.TEXT,
+    )
     return figure
 
 
-def performance_profiles(known: Results, looks: Looks) -> Figure | None:
+def performance_profiles(known: Results) -> Figure | None:
     """Draw the share of trials, over all cells, that score more than a threshold."""
     matrices = scores.learners(known)
     if not matrices:
         return None
     cells = ", ".join(sorted(set(known.trials["task"])))
-    figure, axes = style.panels(1, 1, width=6.5, height=3.6)
+    figure, axes = style.panels(1, 1, height=3.0)
     axis = axes[0, 0]
-    lowest, highest = min(m.min() for m in matrices.values()), max(m.max() for m in matrices.values())
-    thresholds = np.linspace(min(0.0, lowest - 0.01), max(1.0, highest), N_THRESHOLDS)
-    for algo, matrix in matrices.items():
+    thresholds = np.linspace(0.0, max(1.0, *(m.max() for m in matrices.values())), N_THRESHOLDS)
+    drawn = looks.agents(matrices)
+    for algo in ranking.overall(matrices)["agent"]:
         profile = stats.stratified_bootstrap(
             lambda stack: stats.performance_profile(stack, thresholds),
-            matrix,
+            matrices[algo],
             generator=np.random.default_rng(scores.BOOTSTRAP_SEED),
         )
-        look = looks[algo]
+        look = drawn[algo]
         axis.plot(thresholds, profile.estimate, label=algo, markevery=10, markersize=4, **look)
-        axis.fill_between(thresholds, profile.low, profile.high, color=look["color"], alpha=0.12, linewidth=0)
+        axis.fill_between(thresholds, profile.low, profile.high, color=look["color"], alpha=0.1, linewidth=0)
+    axis.set_xlim(0, thresholds[-1])
+    axis.set_ylim(0, 1.03)
     axis.set_xlabel(f"threshold of the {SCORE}")
     axis.set_ylabel("share of trials above it")
-    axis.set_title(f"Performance profiles, 95 % bootstrap band\n{cells}", fontsize=10)
+    axis.set_title(f"Performance profiles, 95 % bootstrap band\n{cells}", fontsize=style.TEXT)
     style.legend(figure, *axis.get_legend_handles_labels())
     return figure
 
@@ -151,15 +165,16 @@ def improvement(known: Results) -> Figure | None:
     pairs = ranking.improvement(matrices)
     better = pairs["agent"].map(ranked.index) < pairs["other"].map(ranked.index)
     pairs = pairs[better].sort_values("probability", kind="stable")
-    figure, axes = style.panels(1, 1, width=6.5, height=0.6 + 0.26 * len(pairs))
+    figure, axes = style.panels(1, 1, height=0.3 + 0.19 * len(pairs))
     axis = axes[0, 0]
     for height, pair in enumerate(pairs.itertuples()):
-        axis.plot([pair.sure_low, pair.sure_high], [height, height], color=style.COLORS[0], linewidth=1)
-        axis.plot([pair.low, pair.high], [height, height], color=style.COLORS[0], alpha=0.5, **BAR)
+        axis.plot([pair.sure_low, pair.sure_high], [height, height], color="0.4", linewidth=1)
+        axis.plot([pair.low, pair.high], [height, height], color="0.7", **BAR)
         sure = "none" if np.isnan(pair.low) else "full"
-        axis.plot(pair.probability, height, "o", color="black", fillstyle=sure, markersize=5)
+        axis.plot(pair.probability, height, "o", color="black", fillstyle=sure, markersize=4)
     axis.axvline(0.5, color="black", linestyle=":", linewidth=1)
-    axis.set_yticks(range(len(pairs)), pairs["agent"] + " > " + pairs["other"])
+    axis.set_yticks(range(len(pairs)), "P(" + pairs["agent"] + " beats " + pairs["other"] + ")")
+    axis.set_ylim(-0.7, len(pairs) - 0.3)
     axis.set_xlim(-0.02, 1.02)
     hollow = " (hollow: one seed, none)" if pairs["low"].isna().any() else ""
     level = 100 * ranking.corrected_level(len(matrices))
@@ -168,30 +183,68 @@ def improvement(known: Results) -> Figure | None:
     return figure
 
 
-def _cell_panels(
-    table: pd.DataFrame, label: str, *, height: float = 2.6, **kwargs: bool
-) -> tuple[Figure, Any]:
-    """Return a figure with a panel for each task (rows) and noise (columns), and its axes by cell.
-
-    Tasks of a single noise stand beside each other. The lowest panels have the `label`.
-    """
-    tasks, noises = sorted(set(table["task"])), sorted(set(table["noise"]))
-    names = [(task, noise) for task in tasks for noise in noises]
-    columns = len(noises) if len(noises) > 1 else min(len(names), WIDEST)
-    rows = -(-len(names) // columns)
-    figure, axes = style.panels(rows, columns, height=height, **kwargs)
-    cells = dict(zip(names, axes.flat, strict=False))
-    for name, axis in cells.items():
-        axis.set_title(Cell(*name).name, fontsize=10)
-    for axis in axes.flat[len(names) :]:
-        axis.set_axis_off()
-    for axis in axes.flat[max(len(names) - columns, 0) : len(names)]:
-        axis.tick_params(labelbottom=True)
-        axis.set_xlabel(label)
-    return figure, cells
+def _final(known: Results) -> pd.DataFrame:
+    """Return a row for every finished trial: its last evaluation, its names."""
+    last = known.curves[known.curves["kind"] == SCORED].groupby("trial").tail(1)
+    return last.merge(named(known.trials), on="trial")
 
 
-def _bootstrap(matrix: stats.Array) -> stats.Interval:
-    return stats.stratified_bootstrap(
+def _ranked(table: pd.DataFrame) -> list[str]:
+    """Return the agents of final scores, best first."""
+    medians = table.groupby("agent")["normalized_score"].median()
+    return list(medians.sort_values(kind="stable", ascending=False).index)
+
+
+def _by_cell(table: pd.DataFrame) -> list[tuple[Cell, pd.DataFrame]]:
+    return [(Cell(*cell), own) for cell, own in table.groupby(scores.CELL)]
+
+
+def _score_row(axis: Any, height: float, matrix: stats.Array, look: Mapping[str, Any]) -> None:
+    """Draw the scores (n_seeds, 1) of an agent in a cell: its seeds, their interval, their mean."""
+    interval = stats.stratified_bootstrap(
         stats.iqm, matrix, generator=np.random.default_rng(scores.BOOTSTRAP_SEED)
     )
+    seeds = matrix[matrix >= 0]
+    axis.plot(seeds, np.full(len(seeds), height + 0.28), "o", color="0.4", fillstyle="none", ms=3, mew=0.8)
+    axis.plot([max(interval.low, 0), max(interval.high, 0)], [height, height], color=look["color"], **BAR)
+    if interval.estimate >= 0:
+        axis.plot(interval.estimate, height, look["marker"], color=look["color"], markersize=6)
+    lowest = min(float(matrix.min()), float(interval.estimate))
+    if lowest < 0:
+        axis.plot(CLIPPED_AT, height, "<", color=look["color"], markersize=5)
+        axis.annotate(
+            f"{lowest:.2f}",
+            (CLIPPED_AT, height),
+            (5, 2.5),
+            textcoords="offset points",
+            fontsize=style.SMALL,
+            va="bottom",
+        )
+
+
+def _lines(cell: Cell, final: pd.DataFrame) -> dict[str, tuple[float, dict[str, Any]]]:
+    """Return the scores of a cell that are lines, by the words of the legend."""
+    found = {"optimum": (1.0, OPTIMUM)}
+    oracle = final[
+        (final["agent"] == "oracle") & (final["task"] == cell.task) & (final["noise"] == cell.noise)
+    ]
+    if len(oracle):
+        found["oracle in these episodes"] = (float(oracle["normalized_score"].mean()), ORACLE)
+    known = ceiling(cell.task) if cell.noise == 0 else None
+    if known is not None:
+        found["ceiling of what an agent is told"] = (known, CEILING)
+    return found
+
+
+def _score_lines(draw_line: Any, cell: Cell, final: pd.DataFrame) -> None:
+    for value, look in _lines(cell, final).values():
+        draw_line(value, zorder=1, **look)
+
+
+def _line_legend(
+    figure: Figure, cells: Sequence[Cell], final: pd.DataFrame, agents: Mapping[str, Any] | None = None
+) -> None:
+    """Draw the legend of the agents, then of the lines of all cells."""
+    lines = {words: look for cell in cells for words, (_, look) in _lines(cell, final).items()}
+    handles = dict(agents or {}) | {words: Line2D([], [], **look) for words, look in lines.items()}
+    style.legend(figure, list(handles.values()), list(handles))

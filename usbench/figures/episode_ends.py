@@ -10,7 +10,8 @@ from usbench import suite
 from usbench.envs.oracle import PAPER_TARGET
 from usbench.envs.pose import sin_deg
 from usbench.figures import style
-from usbench.results.scores import value_based
+from usbench.figures.cells import cell_panels
+from usbench.results.scores import CELL, Cell, value_based
 from usbench.results.tables import GREEDY, SAMPLED, Results
 
 KINDS = ("success", "beside", "too_deep", "too_shallow", "out_of_plane", "one_turn_off", "long_way")
@@ -24,6 +25,8 @@ _LOOKS = {
     "long_way": {"color": "#000000"},
 }
 _TURN_DEG = 15  # of one action
+# Agents whose names fit beside each other below a panel.
+_UPRIGHT = 4
 
 
 def shares(evaluations: pd.DataFrame) -> pd.DataFrame:
@@ -65,24 +68,21 @@ def shares(evaluations: pd.DataFrame) -> pd.DataFrame:
 
 
 def draw(ends: pd.DataFrame) -> Figure:
-    """Draw what `shares` returns: a panel for each task and noise, a group of bars for each agent."""
-    tasks, noises = sorted(set(ends["task"])), sorted(set(ends["noise"]))
-    figure, axes = style.panels(len(tasks), len(noises), height=2.1, sharex="row", sharey=True)
+    """Draw what `shares` returns: a panel for each task and noise, a group of bars for each agent there."""
+    cells = {Cell(*cell): own.set_index("algo") for cell, own in ends.groupby(CELL)}
+    figure, panels = cell_panels(dict.fromkeys(cells, 1.7), "", sharey=True)
     handles = {}
-    for row, task in zip(axes, tasks, strict=True):
-        own = ends[ends["task"] == task]
-        agents = sorted(set(own["algo"]))
+    for cell, axis in panels.items():
+        own = cells[cell].sort_values("success", ascending=False, kind="stable")
         kinds = [kind for kind in _LOOKS if own[kind].notna().any()]
         width = 0.85 / len(kinds)
-        for axis, noise in zip(row, noises, strict=True):
-            table = own[own["noise"] == noise].set_index("algo").reindex(agents)
-            for number, kind in enumerate(kinds):
-                at = np.arange(len(agents)) + (number - (len(kinds) - 1) / 2) * width
-                look = {"edgecolor": "black", "linewidth": 0.6} | _LOOKS[kind]
-                handles[kind] = axis.bar(at, table[kind], width, **look)
-            axis.set_xticks(range(len(agents)), agents, fontsize=8)
-            axis.set_title(f"{task}, noise {noise:g}", fontsize=9)
-        row[0].set_ylabel("share of episodes", fontsize=9)
+        for number, kind in enumerate(kinds):
+            at = np.arange(len(own)) + (number - (len(kinds) - 1) / 2) * width
+            look = {"edgecolor": "black", "linewidth": 0.4} | _LOOKS[kind]
+            handles[kind] = axis.bar(at, own[kind], width, **look)
+        names = [name.replace("_", "\n", 1) for name in own.index]
+        axis.set_xticks(range(len(own)), names, rotation=90 if len(own) > _UPRIGHT else 0)
+    figure.supylabel("share of episodes", fontsize=style.TEXT)
     names = [kind for kind in _LOOKS if kind in handles]
     style.legend(figure, [handles[kind] for kind in names], [kind.replace("_", " ") for kind in names])
     return figure

@@ -1,21 +1,26 @@
 """The learning curve of one trial, from its records alone."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from usbench.figures import style
+from usbench.figures import looks, style
 from usbench.records import Trial
 from usbench.results.ceilings import ceiling
 
 LEARNING_CURVE = "learning_curve.png"
 SMOOTHING_EPISODES = 40
-# Whether actions are greedy, label, format of the line and colour. Lines and markers differ as well as
-# colours, so that a grey print can be read.
-EVALUATIONS = (
-    (False, "evaluation, sampled actions (band: standard deviation)", "-o", "#0072b2"),
-    (True, "evaluation, greedy actions", "--s", "#d55e00"),
+# Whether actions are greedy, label and look: both in the agent's colour, greedy actions with its marker, so
+# that a grey print can be read.
+EVALUATIONS: tuple[tuple[bool, str, dict[str, Any]], ...] = (
+    (
+        False,
+        "evaluation, sampled actions (band: standard deviation)",
+        {"linestyle": "--", "marker": ".", "alpha": 0.6, "markersize": 4},
+    ),
+    (True, "evaluation, greedy actions", {"linestyle": "-", "markersize": 5}),
 )
 
 
@@ -38,18 +43,20 @@ def draw(trial: Trial) -> Figure:
     evaluations, anchors = trial.evaluations(), trial.anchors
     if evaluations.empty:
         raise ValueError(f"{trial.folder} has no evaluations to draw.")
-    figure = Figure(figsize=(7.5, 5), dpi=150, layout="constrained")
-    axes = figure.add_subplot()
+    figure, panels = style.panels(1, 1, height=3.9)
+    axes = panels[0, 0]
+    own = looks.agents([trial.config.algo])[trial.config.algo]
+    color = own["color"]
 
     episodes = trial.episodes()
     if not episodes.empty:
         smooth = episodes["return"].rolling(SMOOTHING_EPISODES, min_periods=1).mean()
         label = f"training, mean of {SMOOTHING_EPISODES} episodes"
         axes.plot(episodes["step"], smooth, color="0.65", label=label)
-    for greedy, label, line, color in EVALUATIONS:
+    for greedy, label, look in EVALUATIONS:
         returns = evaluations[evaluations["deterministic"] == greedy].groupby("step")["return"]
         mean, spread = returns.mean(), returns.std(ddof=0)
-        axes.plot(mean.index, mean, line, color=color, markersize=4, label=label)
+        axes.plot(mean.index, mean, label=label, **own | look)
         if not greedy:
             axes.fill_between(mean.index, mean - spread, mean + spread, color=color, alpha=0.18, linewidth=0)
     axes.axhline(anchors.optimal, color="black", linewidth=1, linestyle="-.", label="optimum")
@@ -59,11 +66,10 @@ def draw(trial: Trial) -> Figure:
         axes.axhline(line, color="0.4", linewidth=1, linestyle="--", label="ceiling of what it is told")
     axes.axhline(anchors.random, color="black", linewidth=1, linestyle=":", label="random agent")
 
-    axes.set_title(trial.title, fontsize=11)
+    axes.set_title(trial.title, fontsize=style.TEXT + 1)
     axes.set_xlabel("training steps")
     axes.set_ylabel("return per episode (sum of its rewards)")
-    axes.grid(alpha=0.3)
-    figure.legend(fontsize=8, loc="outside lower center", ncols=3)
+    style.legend(figure, *axes.get_legend_handles_labels())
     score = axes.secondary_yaxis(
         "right",
         functions=(
@@ -71,5 +77,6 @@ def draw(trial: Trial) -> Figure:
             lambda value: anchors.return_of(np.asarray(value)),
         ),
     )
-    score.set_ylabel("normalised score (0 random agent, 1 optimum)")
+    score.tick_params(labelsize=style.SMALL)
+    score.set_ylabel("normalised score (0 random agent, 1 optimum)", fontsize=style.TEXT)
     return figure

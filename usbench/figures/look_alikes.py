@@ -54,7 +54,7 @@ def most_alike(task: Task, frames: npt.NDArray[np.uint8], count: int) -> pd.Data
 
 def draw(frames: dict[Task, npt.NDArray[np.uint8]]) -> Figure:
     """Draw the states of each task: its best action, and how alike the most alike frame of another one is."""
-    figure, axes = style.panels(1, len(frames), width=3.4, height=4.6)
+    figure, axes = style.panels(1, len(frames), height=4.2)
     for axis, (task, own) in zip(axes[0], frames.items(), strict=True):
         alike = np.where(conflicts(task), similarity(own), -1.0).max(axis=1)
         image = state_map.draw(axis, task, oracle.policy(task).actions[0], alike, vmin=0.5, vmax=1.0)

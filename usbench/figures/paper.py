@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from usbench.figures import style
+from usbench.figures import looks, style
 from usbench.results.agents import named
 from usbench.results.tables import TRAINING, TRAINING_PARTS, Results
 
@@ -46,26 +46,28 @@ def _draw(known: Results, columns: tuple[tuple[str, str, str, str], ...]) -> Fig
     if not columns:
         return None
     agents = sorted(set(table["agent"]))
-    noises = sorted(set(table["noise"]))
-    looks = style.styles(f"{noise:g}" for noise in noises)
-    figure, axes = style.panels(len(agents), len(columns), height=2.1, sharex=True, sharey="col")
+    figure, axes = style.panels(len(agents), len(columns), height=1.55, sharex=True, sharey="col")
     handles = {}
     for row, agent in zip(axes, agents, strict=True):
         for axis, (task, name, title, label) in zip(row, columns, strict=True):
             own = table[(table["agent"] == agent) & (table["task"] == task)]
             for number, noise in enumerate(sorted(set(own["noise"]))):
                 values = own[own["noise"] == noise].groupby("step")[name]
-                handles[f"p_n = {noise:g}"] = _line(axis, values, number, looks[f"{noise:g}"])
-            axis.set_title(f"{agent}: {title}", fontsize=9)
-            axis.set_ylabel(label, fontsize=9)
+                handles[f"noise {noise:g}"] = _line(axis, values, number, looks.noise(noise))
+            if own.empty:
+                axis.set_axis_off()
+                continue
+            axis.set_title(f"{agent}: {title}", fontsize=style.TEXT)
+            axis.set_ylabel(label, fontsize=style.SMALL)
     for axis in axes[-1]:
         axis.set_xlabel("training steps")
-        axis.locator_params(axis="x", nbins=5)
+        axis.locator_params(axis="x", nbins=4)
     for axis in axes[0]:
         updates = axis.secondary_xaxis(
             "top", functions=(_updates, lambda at: np.asarray(at) * STEPS_PER_UPDATE)
         )
-        updates.set_xlabel(f"policy updates of {STEPS_PER_UPDATE} steps", fontsize=9)
+        updates.set_xlabel(f"policy updates of {STEPS_PER_UPDATE} steps", fontsize=style.SMALL)
+        updates.tick_params(labelsize=style.SMALL)
     style.legend(figure, [handles[name] for name in sorted(handles)], sorted(handles))
     return figure
 
@@ -76,7 +78,7 @@ def _line(axis: Any, values: Any, number: int, look: dict[str, Any]) -> Any:
     every = TRAINING_PARTS // BARS
     bars = (every - 1 - number % every, every)
     return axis.errorbar(
-        mean.index, mean, deviation, errorevery=bars, markevery=bars, capsize=2, ms=4, **look
+        mean.index, mean, deviation, errorevery=bars, markevery=bars, capsize=2, ms=3.5, linewidth=1.2, **look
     )
 
 

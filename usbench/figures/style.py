@@ -1,6 +1,6 @@
-"""How figures look and how they are saved: the same bytes from the same numbers, readable in grey."""
+"""What all figures share: size, text, legend, and how they are saved: same numbers, same bytes."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,36 +11,41 @@ from usbench.atomic import atomic_file
 from usbench.records import ConfigurationError
 
 FORMATS = ("png", "svg", "pdf")
-# Okabe and Ito's palette without its yellow: told apart by colour-blind readers, on white.
-COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000")
-LINES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)), (0, (1, 2, 4, 2)))
+# CSS pixels of the column in which pages and hosting sites show a figure, and the inches for which one is
+# drawn: a point of text is as large there as it says.
+SHOWN_PX = 736
+WIDTH = SHOWN_PX / 96
+# Points, 9.3 and 10.7 CSS pixels.
+SMALL, TEXT = 7, 8
 # Inches that a line with its marker takes, and a letter of its label.
-LEGEND_HANDLE, LEGEND_LETTER = 0.62, 0.085
-# Two more than colours, so that the eighth agent is not drawn as the first.
-MARKERS = ("o", "s", "D", "^", "v", "P", "X", "<", ">")
-
-
-def styles(names: Iterable[str]) -> dict[str, dict[str, Any]]:
-    """Return how each name is drawn: colour, line and marker all differ, so that a grey print can be read."""
-    keys = sorted(set(names))
-    return {
-        name: {
-            "color": COLORS[number % len(COLORS)],
-            "linestyle": LINES[number % len(LINES)],
-            "marker": MARKERS[number % len(MARKERS)],
-        }
-        for number, name in enumerate(keys)
-    }
+LEGEND_HANDLE, LEGEND_LETTER = 0.6, 0.07
 
 
 def panels(
-    rows: int, columns: int, *, width: float = 3.6, height: float = 2.6, **kwargs: Any
+    rows: int,
+    columns: int,
+    *,
+    width: float | None = None,
+    height: float | Sequence[float] = 1.9,
+    **kwargs: Any,
 ) -> tuple[Figure, Any]:
-    """Return a figure and its axes `(rows, columns)`, each panel `width` x `height` inches."""
-    figure = Figure(figsize=(width * columns + 0.6, height * rows + 0.9), dpi=150, layout="constrained")
-    axes = figure.subplots(rows, columns, squeeze=False, **kwargs)
+    """Return a figure and its axes `(rows, columns)`.
+
+    Args:
+        rows: Of panels.
+        columns: Of panels.
+        width: Of a panel, in inches; by default all of them fill the width at which figures are shown.
+        height: Of the panels in inches, or one for each row.
+        **kwargs: As of `Figure.subplots`.
+    """
+    heights = [height] * rows if isinstance(height, (int, float)) else list(height)
+    wide = WIDTH if width is None else width * columns + 0.6
+    with matplotlib.rc_context({"font.size": TEXT}):
+        figure = Figure(figsize=(wide, sum(heights) + 0.9), dpi=144, layout="constrained")
+        axes = figure.subplots(rows, columns, squeeze=False, height_ratios=heights, **kwargs)
     for panel in axes.flat:
         panel.grid(alpha=0.3)
+        panel.tick_params(labelsize=SMALL)
     return figure, axes
 
 
@@ -49,7 +54,7 @@ def legend(figure: Figure, handles: Sequence[Any], labels: Sequence[str]) -> Non
     longest = max(map(len, labels), default=0)
     fitting = int(figure.get_figwidth() / (LEGEND_HANDLE + LEGEND_LETTER * longest))
     ncols = max(min(len(labels), fitting, 5), 1)
-    figure.legend(handles, labels, loc="outside lower center", ncols=ncols, fontsize=9)
+    figure.legend(handles, labels, loc="outside lower center", ncols=ncols, fontsize=TEXT)
 
 
 def check_file(path: Path, endings: Sequence[str]) -> Path:

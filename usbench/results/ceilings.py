@@ -8,20 +8,23 @@ from functools import cache
 from importlib.resources import files
 
 TABLE = "ceilings.csv"
-# Tasks with the poses, starts and phantoms for which the table was made.
-TASKS = ("pp-random", "pp-tracked")
+# Tasks with the poses, starts and phantoms for which the table was made, and what each tells by default.
+TASKS: dict[str, tuple[str, ...]] = {"pp-random": (), "pp-tracked": ("position", "heading")}
 ACTIONS = "actions"
 
 
-def ceiling(task: str, senses: Iterable[str]) -> float | None:
+def ceiling(task: str, senses: Iterable[str] | None = None) -> float | None:
     """Return the best score of any policy that is told `senses`, without noise; None where it is not known.
+
+    Without `senses`, of what the task tells by default.
 
     It is that of ideal eyes and a perfect memory, which knows its own actions. Agents that see a few frames
     have less.
     """
     if task not in TASKS:
         return None
-    return _table().get(frozenset(senses) - {ACTIONS})
+    told = TASKS[task] if senses is None else senses
+    return _table().get(frozenset(told) - {ACTIONS})
 
 
 @cache

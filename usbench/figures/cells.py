@@ -1,0 +1,38 @@
+"""A panel for each task and noise: as a grid where every task has every noise, else one after the other."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from usbench.figures import style
+from usbench.results.scores import Cell
+
+WIDEST = 3  # panels beside each other
+
+
+def cell_panels(heights: Mapping[Cell, float], label: str, **kwargs: bool) -> tuple[Figure, dict[Cell, Any]]:
+    """Return a figure with a panel for each cell, and its axes by cell.
+
+    Args:
+        heights: Of the panels in inches; a row is as high as its highest panel.
+        label: What the x axes show; the lowest panels say it.
+        **kwargs: As of `Figure.subplots`.
+    """
+    cells = sorted(heights)
+    noises = sorted({cell.noise for cell in cells})
+    full = len(cells) == len({cell.task for cell in cells}) * len(noises)
+    columns = len(noises) if full and 1 < len(noises) <= WIDEST else min(len(cells), WIDEST)
+    lines = [cells[start : start + columns] for start in range(0, len(cells), columns)]
+    figure, axes = style.panels(
+        len(lines), columns, height=[max(heights[cell] for cell in line) for line in lines], **kwargs
+    )
+    found = dict(zip(cells, axes.flat, strict=False))
+    for cell, axis in found.items():
+        axis.set_title(cell.name, fontsize=style.TEXT)
+    for axis in axes.flat[len(cells) :]:
+        axis.set_axis_off()
+    for axis in axes.flat[max(len(cells) - columns, 0) : len(cells)]:
+        axis.tick_params(labelbottom=True)
+        axis.set_xlabel(label if columns < WIDEST else label.partition(" (")[0])
+    return figure, found
