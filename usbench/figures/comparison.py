@@ -9,11 +9,11 @@ import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from usbench.ceilings import ceiling
 from usbench.figures import looks, paper, style
 from usbench.figures.cells import cell_panels
 from usbench.results import ranking, scores, stats
 from usbench.results.agents import named
-from usbench.results.ceilings import ceiling
 from usbench.results.scores import SCORED, Cell
 from usbench.results.tables import Results
 

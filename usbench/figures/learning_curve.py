@@ -8,7 +8,6 @@ from matplotlib.figure import Figure
 
 from usbench.figures import looks, style
 from usbench.records import Trial
-from usbench.results.ceilings import ceiling
 
 LEARNING_CURVE = "learning_curve.png"
 SMOOTHING_EPISODES = 40
@@ -60,9 +59,8 @@ def draw(trial: Trial) -> Figure:
         if not greedy:
             axes.fill_between(mean.index, mean - spread, mean + spread, color=color, alpha=0.18, linewidth=0)
     axes.axhline(anchors.optimal, color="black", linewidth=1, linestyle="-.", label="optimum")
-    known = ceiling(trial.config.task, trial.config.environment.get("senses", ()))
-    if known is not None and trial.config.noise == 0:
-        line = anchors.return_of(known)
+    if trial.ceiling is not None:
+        line = anchors.return_of(trial.ceiling)
         axes.axhline(line, color="0.4", linewidth=1, linestyle="--", label="ceiling of what it is told")
     axes.axhline(anchors.random, color="black", linewidth=1, linestyle=":", label="random agent")
 

@@ -15,6 +15,7 @@ from pydantic.dataclasses import dataclass
 
 from usbench.anchors import Anchors
 from usbench.atomic import atomic_file
+from usbench.ceilings import ceiling
 from usbench.checks import ConfigurationError
 from usbench.records.checksums import KEY, check, damaged, of_state
 from usbench.records.configuration import TrialConfig
@@ -143,6 +144,12 @@ class Trial:
     def title(self) -> str:
         """Algorithm, task, noise and seed in words."""
         return self.config.title
+
+    @property
+    def ceiling(self) -> float | None:
+        """Best score of any policy that is told what its agent is; None with noise, or if not known."""
+        config = self.config
+        return None if config.noise else ceiling(config.task, config.environment.get("senses", ()))
 
     def episodes(self) -> pd.DataFrame:
         """Return its training episodes, one row each, with their `normalized_score`; empty if there are none.

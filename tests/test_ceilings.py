@@ -4,8 +4,8 @@ import pkgutil
 
 import pytest
 
-from usbench.results import ceilings
-from usbench.results.ceilings import ceiling
+from usbench import ceilings
+from usbench.ceilings import ceiling
 from usbench.tasks import row_of
 
 
