@@ -61,7 +61,7 @@ class SeparatePolicy(ActorCriticPolicy):
 
 
 class ConvPolicy(SeparatePolicy):
-    """Two `ConvTrunk`s, each with one fully connected output layer."""
+    """Two trunks `ConvTrunk`, each with one fully connected output layer."""
 
     def __init__(
         self,

@@ -28,7 +28,8 @@ exclude_patterns = ["_static", "_templates"]
 templates_path = ["_templates"]
 # Docstrings name code with single backticks.
 default_role = "code"
-autodoc_default_options = {"members": True, "member-order": "bysource"}
+# Of a package only what it defines itself: a name that it hands on is described where the name is from.
+autodoc_default_options = {"members": True, "member-order": "bysource", "ignore-module-all": True}
 autodoc_inherit_docstrings = False
 autodoc_typehints_format = "short"
 # As a list below the class: members of dataclasses would be described twice otherwise.

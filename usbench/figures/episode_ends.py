@@ -92,9 +92,9 @@ def by_frames(results: Results) -> pd.DataFrame:
     """Return the final scores of algorithms that were trained on observations of several numbers of frames.
 
     Returns:
-        A row per (task, noise, algo, n_frames): `seeds`, and the mean normalised score over them, `greedy`
-        with greedy actions and `drawn` with sampled ones (NaN for value-based algorithms). Algorithms with
-        one number of frames in a cell have no row.
+        A row per task, noise, algorithm and `n_frames`, with the columns `seeds` and the mean normalised
+        score over them: `greedy` with greedy actions, `drawn` with sampled ones (NaN for value-based
+        algorithms). Algorithms with one number of frames in a cell have no row.
     """
     n_frames = results.trials["settings"].map(lambda text: json.loads(text)["n_frames"])
     trials = results.trials.assign(n_frames=n_frames)[results.trials["steps"] > 0]
