@@ -1,5 +1,6 @@
 """A replay buffer for image stacks that keeps every different frame once: some MB instead of GB."""
 
+import hashlib
 from typing import Any
 
 import numpy as np
@@ -38,8 +39,8 @@ class FrameReplayBuffer(ReplayBuffer):
         if isinstance(observation_space, spaces.Dict):
             parts = observation_space.spaces
         image, senses = parts[IMAGE], parts.get(SENSES)
-        height, width, channels = image.shape
-        self._frames = Distinct((height, width), image.dtype)
+        channels = image.shape[-1]
+        self._frames = self._store(image)
         self._senses = None if senses is None else Distinct(senses.shape, senses.dtype)
         n_numbers = channels + (self._senses is not None)
         numbers = spaces.Box(0, np.iinfo(np.int32).max, (n_numbers,), np.int32)
@@ -87,6 +88,10 @@ class FrameReplayBuffer(ReplayBuffer):
             observations=observations, next_observations=self._observations(samples.next_observations)
         )
 
+    def _store(self, image: spaces.Box) -> "Distinct":
+        """What keeps the frames of image stacks of this space."""
+        return Distinct(image.shape[:2], image.dtype)
+
     def _numbered(self, observations: Any) -> npt.NDArray[np.int32]:
         """The numbers of the frames `(n, channels)`; those of senses, if any, are one more column."""
         stacks = observations if self._senses is None else observations[IMAGE]
@@ -124,7 +129,8 @@ class Distinct:
 
     def number(self, array: npt.NDArray[Any]) -> int:
         """The number of an array, a new one where it is not known yet."""
-        key = array.tobytes()
+        # The array itself, as a key, would be kept twice.
+        key = hashlib.blake2b(array.tobytes(), digest_size=16).digest()
         if key not in self._numbers:
             number = self._numbers[key] = len(self._numbers)
             if number == len(self._room):

@@ -80,6 +80,7 @@ class Number:
 
 RANGES: dict[str, Boolean | Whole | Number] = {
     "learning_rate": Number(0.0, 1.0, above=True),
+    "final_learning_rate": Number(0.0, 1.0),
     "value_learning_rate": Number(0.0, 1.0, above=True),
     # A rollout lies in memory: 65 536 stacks of four frames are 3.8 GB.
     "n_steps": Whole(2, 65_536),
@@ -107,6 +108,8 @@ RANGES: dict[str, Boolean | Whole | Number] = {
     "gradient_steps": Whole(1, 10_000),
     "target_update_interval": Whole(1, 10_000_000),
     "tau": Number(0.0, 1.0, above=True),
+    "return_steps": Whole(1, 100),
+    "max_shift_px": Whole(0, 100),
     "exploration_fraction": Number(0.0, 1.0, above=True),
     "exploration_initial_eps": Number(0.0, 1.0),
     "exploration_final_eps": Number(0.0, 1.0),

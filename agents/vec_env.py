@@ -24,6 +24,10 @@ class SB3VecEnv(VecEnv):
     Args:
         env: A vector of environments that are reset in the same step, with the environments as `envs`.
 
+    Attributes:
+        env: The vector of environments.
+        rewards: What the last step earned, (num_envs,), as the environments gave it; SB3 takes float32.
+
     Raises:
         TypeError: If `env` is no Gymnasium vector environment.
         ValueError: If it resets environments at another time.
@@ -42,6 +46,7 @@ class SB3VecEnv(VecEnv):
         self.env = env
         self._listed = DictInfoToList(env)
         self._actions: npt.NDArray[Any] = np.empty(0)
+        self.rewards: npt.NDArray[np.float64] = np.zeros(env.num_envs)
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
 
     def reset(self) -> VecEnvObs:
@@ -67,14 +72,14 @@ class SB3VecEnv(VecEnv):
 
     def step_wait(self) -> VecEnvStepReturn:
         """Step all environments; the arrays and infos are the caller's own."""
-        observations, rewards, terminations, truncations, listed = self._listed.step(self._actions)
+        observations, self.rewards, terminations, truncations, listed = self._listed.step(self._actions)
         infos = [_plain(info) for info in listed]
         for i in np.flatnonzero(terminations | truncations):
             final, last = infos[i].pop("final_info"), infos[i].pop("final_obs")
             self.reset_infos[i], infos[i] = infos[i], {**final, "terminal_observation": last}
         for info, truncated in zip(infos, truncations & ~terminations, strict=True):
             info["TimeLimit.truncated"] = bool(truncated)
-        return observations, rewards.astype(np.float32), terminations | truncations, infos
+        return observations, self.rewards.astype(np.float32), terminations | truncations, infos
 
     def close(self) -> None:
         """Close the environments."""

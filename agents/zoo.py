@@ -3,6 +3,7 @@
 import importlib
 import inspect
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -28,6 +29,8 @@ class Entry:
     kwargs_with_senses: Mapping[str, Any] = field(default_factory=dict)
     tasks: Mapping[str, Mapping[str, Value]] = field(default_factory=dict)
     presets: Mapping[str, Mapping[str, Value]] = field(default_factory=dict)
+    # How many environments in step it learns in, unless a trial says otherwise.
+    n_envs: int = 1
     learns: bool = True
     # Whether the agent looks at frames; for an agent that does not look, no frames are simulated.
     looks: bool = True
@@ -214,6 +217,35 @@ UNSEARCHED: dict[str, Entry] = {
             "normalize_advantage": True,
         },
     ),
+    "double_dqn": Entry(
+        title="double DQN with n-step returns and exact symmetries (van Hasselt et al. 2016)",
+        cls="usbench.agents.value_based.double_dqn:DoubleDQN",
+        policy="MlpPolicy",
+        policy_kwargs={
+            "features_extractor_class": "usbench.agents.value_based.grid_trunk:GridTrunk",
+            "net_arch": [],
+        },
+        n_envs=32,
+        hyperparameters={
+            "learning_rate": 1e-3,
+            "final_learning_rate": 5e-5,
+            "buffer_size": 100_000,
+            "learning_starts": 1_024,
+            "batch_size": 128,
+            "gamma": 0.9,
+            "return_steps": 3,
+            "train_freq": 32,
+            "gradient_steps": 2,
+            # An average of about the last hundred updates.
+            "target_update_interval": 32,
+            "tau": 0.02,
+            "exploration_fraction": 0.2,
+            "exploration_initial_eps": 1.0,
+            "exploration_final_eps": 0.05,
+            "max_grad_norm": 10.0,
+            "max_shift_px": 0,
+        },
+    ),
     "random": Entry(
         title="reference policy: every action is equally probable",
         cls="usbench.agents.baselines:Random",
@@ -386,7 +418,10 @@ def _with_senses(row: Entry) -> Entry:
 
 
 def _shared(hyperparameters: Mapping[str, Value], n_envs: int) -> dict[str, Value]:
-    """The hyperparameters that Stable-Baselines3 counts per environment, shared out among `n_envs`."""
+    """The hyperparameters that Stable-Baselines3 counts per environment, shared out among `n_envs`.
+
+    Updates per step stay as they are: less often, or more at a time.
+    """
     shared = dict(hyperparameters)
     if "n_steps" in shared:
         n_steps, rest = divmod(int(shared["n_steps"]), n_envs)
@@ -394,7 +429,10 @@ def _shared(hyperparameters: Mapping[str, Value], n_envs: int) -> dict[str, Valu
             raise ValueError(f"n_steps must be a multiple of {n_envs} environments, not {shared['n_steps']}.")
         shared["n_steps"] = n_steps
     if "gradient_steps" in shared:
-        shared["gradient_steps"] = int(shared["gradient_steps"]) * n_envs
+        train_freq = int(shared.get("train_freq", 1))
+        common = math.gcd(train_freq, n_envs)
+        shared["gradient_steps"] = int(shared["gradient_steps"]) * (n_envs // common)
+        shared |= {"train_freq": train_freq // common} if "train_freq" in shared else {}
     return shared
 
 

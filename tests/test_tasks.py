@@ -19,7 +19,8 @@ from usbench.records import ConfigurationError
 from usbench.report import agents, poses
 from usbench.setting import Setting, make_env
 from usbench.trials.configuration import resolve
-from usbench.trials.evaluation import Evaluator, Recorder
+from usbench.trials.evaluation import Evaluator
+from usbench.trials.recorder import Recorder
 from usbench.watch import replay
 
 FULL = suite.TASKS

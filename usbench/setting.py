@@ -23,6 +23,7 @@ from usbench.envs import oracle
 from usbench.envs.anatomy import Anatomy
 from usbench.envs.bmode import Imaging
 from usbench.envs.frames import frame_store
+from usbench.envs.observation.symmetries import Symmetries, symmetries
 from usbench.envs.observation.wrappers import ImageStack, NormalizeImage
 from usbench.envs.pose import Pose
 from usbench.envs.probe import DEFAULT_ARRAY, LinearArray
@@ -220,6 +221,10 @@ class Setting:
         if self.guidance.reward_from_frames:
             rewards = tuple(self.scored.plain_env().state_rewards().tolist())
         return oracle.DecisionProcess(self.guidance, self.noise, target=target, rewards=rewards)
+
+    def symmetries(self) -> Symmetries:
+        """Return what an observation and an action of the task become by its exact symmetries."""
+        return symmetries(self.plain_env().senses)
 
     def plan(self, target: Pose) -> oracle.Policy:
         """Return the best policy that knows the pose of the probe and the pose that shows the object best."""

@@ -17,6 +17,7 @@ SMALL = {
     "a2c": {"n_steps": 16},
     "ppo": {"n_steps": 16, "batch_size": 8, "n_epochs": 2},
     "dqn": {"learning_starts": 12, "train_freq": 6, "target_update_interval": 20},
+    "double_dqn": {"learning_starts": 12, "train_freq": 4, "batch_size": 16},
     "qrdqn": {"learning_starts": 12, "train_freq": 6, "target_update_interval": 20},
     "trpo": {"n_steps": 16, "batch_size": 8},
     "recurrent_ppo": {"n_steps": 16, "batch_size": 8, "n_epochs": 2},
@@ -25,8 +26,9 @@ SMALL = {
 TIMES = ("started", "timings")
 
 
-def config(algo, steps=STEPS, seed=0):
-    return resolve(algo, "pp", noise=0.5, seed=seed, steps=steps, overrides=SMALL.get(algo))
+def config(algo, steps=STEPS, seed=0, n_envs=1):
+    overrides = SMALL.get(algo)
+    return resolve(algo, "pp", noise=0.5, seed=seed, steps=steps, n_envs=n_envs, overrides=overrides)
 
 
 def bits(folder):

@@ -20,6 +20,7 @@ SMALL = {
     "a2c": {"n_steps": 32},
     "ppo": {"n_steps": 32, "batch_size": 32, "n_epochs": 1},
     "dqn": {"learning_starts": 32, "train_freq": 16},
+    "double_dqn": {"learning_starts": 32, "train_freq": 16},
     "qrdqn": {"learning_starts": 32, "train_freq": 16},
     "trpo": {"n_steps": 32, "batch_size": 32},
     "recurrent_ppo": {"n_steps": 32, "batch_size": 32, "n_epochs": 1},
@@ -45,7 +46,7 @@ def train(algo, out, monkeypatch, steps=STEPS):
     with monkeypatch.context() as patch:
         patch.setattr(evaluation.Recorder, "__init__", init)
         patch.setattr(evaluation.Recorder, "step", step)
-        config = resolve(algo, "pp", noise=0.5, steps=steps, overrides=SMALL[algo])
+        config = resolve(algo, "pp", noise=0.5, steps=steps, n_envs=1, overrides=SMALL[algo])
         folder = runner.run_trial(config, out).folder
     return folder, displacements
 

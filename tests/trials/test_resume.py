@@ -13,7 +13,7 @@ from usbench import records
 from usbench.setting import make_env
 from usbench.trials import callback, resume_files, runner
 from usbench.trials.configuration import resolve
-from usbench.trials.evaluation import Recorder
+from usbench.trials.recorder import Recorder
 
 
 # The others in tests/faults, at more moments.

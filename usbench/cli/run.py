@@ -40,6 +40,12 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         "--n-frames", type=number, default=4, metavar="N", help="frames in one observation (default 4)"
     )
     run.add_argument(
+        "--n-envs",
+        type=number,
+        metavar="N",
+        help="environments that learn in step (default: the algorithm's own, most have 1)",
+    )
+    run.add_argument(
         "--senses",
         nargs="*",
         metavar="SENSE",
@@ -86,6 +92,7 @@ def _call(args: argparse.Namespace) -> None:
         seed=args.seed,
         steps=args.steps,
         n_frames=args.n_frames,
+        n_envs=args.n_envs,
         senses=args.senses,
         reward=args.reward,
         **examined,

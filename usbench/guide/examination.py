@@ -14,7 +14,7 @@ from usbench.coordinates import POSE
 from usbench.envs.frames import frame_store
 from usbench.envs.pose import Move
 from usbench.setting import Setting
-from usbench.trials.evaluation import Recorder
+from usbench.trials.recorder import Recorder
 from usbench.watch import episode
 from usbench.watch.moment import Advice
 

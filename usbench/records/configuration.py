@@ -12,6 +12,8 @@ from annotated_types import Ge, Le, Lt
 VOLUME = "volume"
 # Frames in one observation: as many as an episode has, and more than any trial needs.
 MAX_FRAMES = 64
+# Environments in step: a phantom each lies in memory.
+MAX_ENVS = 1024
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,6 +27,7 @@ class TrialConfig:
         seed: Trial seed, from which every random stream is spawned.
         steps: Training budget in environment steps, kept exactly (0 for agents that do not learn).
         n_frames: Frames in one observation.
+        n_envs: Environments in step during training.
         hyperparameters: Every hyperparameter of the algorithm, after defaults, presets and overrides.
         environment: The environment's own configuration (id, phantom, probe, imaging), as plain values.
     """
@@ -40,6 +43,7 @@ class TrialConfig:
     n_frames: Annotated[int, Ge(1), Le(MAX_FRAMES)] = 4
     hyperparameters: Mapping[str, Any] = field(default_factory=dict)
     environment: Mapping[str, Any] = field(default_factory=dict)
+    n_envs: Annotated[int, Ge(1), Le(MAX_ENVS)] = 1
 
     @property
     def hash(self) -> str:
@@ -60,7 +64,12 @@ class TrialConfig:
 
 
 def identity(config: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return a configuration without the place of the phantom's file, which may be moved."""
+    """Return a configuration without the place of the phantom's file, which may be moved.
+
+    One environment is left out too: trials from before there could be more have the names that they had.
+    """
+    if config.get("n_envs") == 1:
+        config = {name: value for name, value in config.items() if name != "n_envs"}
     environment = config.get("environment", {})
     if VOLUME not in environment:
         return config

@@ -107,7 +107,9 @@ class TrainingWatch(BaseCallback):
         """Journal one training episode."""
         facts = dict(facts)
         self._recorded_steps += len(facts.pop("actions"))
-        episode = Episode(episode=self._count, step=self._recorded_steps, **facts)
+        # Of environments in step, the steps of all count.
+        step = facts.pop("step", self._recorded_steps)
+        episode = Episode(episode=self._count, step=step, **facts)
         self._episodes.append([episode.as_row()])
         self._count += 1
         self._recent.append(facts["return_"])
@@ -174,6 +176,7 @@ class TrainingWatch(BaseCallback):
 
 
 def _rollout_steps(model: Any) -> int:
-    """Return how many steps the algorithm collects before it learns from them."""
+    """Return how many steps the algorithm collects before it learns from them, of all environments."""
     # Off-policy first: their `n_steps` is the length of n-step returns.
-    return int(model.train_freq.frequency if hasattr(model, "train_freq") else model.n_steps)
+    each = model.train_freq.frequency if hasattr(model, "train_freq") else model.n_steps
+    return int(each) * model.n_envs

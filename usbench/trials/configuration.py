@@ -1,11 +1,13 @@
 """From what a user asks for to the full configuration of a trial, checked."""
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
 from usbench.agents import zoo
 from usbench.checks import check_seed, whole_number
 from usbench.records import ConfigurationError, TrialConfig
+from usbench.records.configuration import MAX_ENVS
 from usbench.setting import Setting
 
 # What is recorded with a trial, since its bits depend on them.
@@ -28,13 +30,15 @@ def resolve(
     *,
     seed: int = 0,
     steps: int | None = None,
+    n_envs: int | None = None,
     preset: str | None = None,
     overrides: Mapping[str, Any] | None = None,
     **setting: Any,
 ) -> TrialConfig:
     """Return the full configuration of a trial: every default filled in, every value checked.
 
-    `setting` holds other attributes of a `Setting` than its task: `noise`, `probe` and so on.
+    `n_envs` environments learn in step, by default as many as the algorithm's row says. `setting` holds other
+    attributes of a `Setting` than its task: `noise`, `probe` and so on.
 
     Raises:
         ConfigurationError: If a name is unknown or a value is not allowed; one sentence says which.
@@ -49,6 +53,7 @@ def resolve(
             hyperparameters["buffer_size"] = max(int(hyperparameters["buffer_size"]), met.row.steps)
         seed = check_seed(seed)
         steps = whole_number("steps", met.row.steps if steps is None else steps, low=1)
+        n_envs = _environments(entry, n_envs, steps)
     except (ValueError, TypeError) as error:
         raise ConfigurationError(str(error)) from error
     return TrialConfig(
@@ -60,4 +65,18 @@ def resolve(
         steps=steps if entry.learns else 0,
         hyperparameters=hyperparameters,
         environment=met.record(),
+        n_envs=n_envs,
     )
+
+
+def _environments(entry: zoo.Entry, n_envs: int | None, steps: int) -> int:
+    """Return how many environments learn in step, or raise ValueError or TypeError."""
+    if n_envs is not None:
+        n_envs = whole_number("n_envs", n_envs, 1, MAX_ENVS)
+        if n_envs > 1 and entry.policy is None:
+            raise ValueError(f"n_envs must be 1 for an agent that is not Stable-Baselines3's, not {n_envs}.")
+        if steps % n_envs:
+            raise ValueError(f"steps must be a multiple of n_envs ({n_envs}), not {steps}.")
+        return n_envs
+    # Of the row's number, so many that they share the steps evenly.
+    return math.gcd(entry.n_envs, steps)

@@ -2,7 +2,7 @@
 
 import contextlib
 import random
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import partial
 from typing import Any, Protocol
 
@@ -12,11 +12,10 @@ import numpy.typing as npt
 import torch
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
-from usbench.coordinates import BY_NAME, TARGET
 from usbench.envs.observation import senses
 from usbench.records import Evaluation
-from usbench.records.episode import MEASURES
 from usbench.setting import Setting
+from usbench.trials.recorder import Recorder
 
 # Seed of sampled actions in evaluations; the seeds of the episodes come from the suite.
 ACTION_SEED = 20_190_001
@@ -29,78 +28,6 @@ class Agent(Protocol):
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = False
     ) -> tuple[npt.NDArray[Any], Any]:
         """Return the actions for a batch of observations, and the next hidden state."""
-
-
-class Recorder(gym.Wrapper[Any, Any, Any, Any]):
-    """Watches an environment and reports each finished episode, without changing anything.
-
-    The report holds the fields of `records.Episode` (without the two counters) and `actions`. In `info` of an
-    episode's last step stands what SB3's `Monitor` would write, so that SB3 logs its mean return as usual.
-    """
-
-    def __init__(self, env: gym.Env[Any, Any], report: Callable[[dict[str, Any]], None]) -> None:
-        """Watch `env` and call `report` at the end of each episode."""
-        super().__init__(env)
-        self._report = report
-        self.n_steps = 0
-
-    def state(self) -> dict[str, Any]:
-        """Return how the environment came to where it is, enough for `put_back`."""
-        return {"origin": self._origin, "actions": list(self._actions), "n_steps": self.n_steps}
-
-    def put_back(self, state: dict[str, Any]) -> Any:
-        """Start the episode of `state` again and play its actions; return the last observation.
-
-        Whatever wrappers there are, they end as they were, generators included.
-        """
-        if isinstance(state["origin"], int):
-            observation, _ = self.reset(seed=state["origin"])
-        else:
-            self.unwrapped.np_random.bit_generator.state = state["origin"]
-            observation, _ = self.reset()
-        for action in state["actions"]:
-            observation, *_ = self.step(action)
-        self.n_steps = state["n_steps"]
-        return observation
-
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
-        """Start an episode."""
-        self._origin = self.unwrapped.np_random.bit_generator.state if seed is None else seed
-        observation, info = self.env.reset(seed=seed, options=options)
-        self._pose_keys = [key for key in BY_NAME if key in info]
-        self._poses = {f"start_{key}": int(info[key]) for key in self._pose_keys}
-        self._poses |= {key: int(info[key]) for key in TARGET if key in info}
-        self._phantom = int(info["phantom"]) if "phantom" in info else None
-        self._return = 0.0
-        self._to_goal: int | None = None
-        self._actions: list[int] = []
-        return observation, info
-
-    def step(self, action: Any) -> Any:
-        """Make one step; report when it ends the episode."""
-        observation, reward, terminated, truncated, info = self.env.step(action)
-        self.n_steps += 1
-        self._actions.append(int(action))
-        # Trained on whatever reward, an agent is judged by the true one.
-        self._return += float(info.get("true_reward", reward))
-        if info["is_success"] and self._to_goal is None:
-            self._to_goal = len(self._actions)
-        if terminated or truncated:
-            info = {**info, "episode": {"r": self._return, "l": len(self._actions)}}
-            self._report(
-                {
-                    "return_": self._return,
-                    "poses": self._poses | {f"final_{key}": int(info[key]) for key in self._pose_keys},
-                    "phantom": self._phantom,
-                    "measures": {f"final_{name}": float(info[name]) for name in MEASURES if name in info},
-                    "final_distance_mm": float(info["distance_mm"]),
-                    "final_sin_angle": float(info["sin_angle"]),
-                    "is_success": bool(info["is_success"]),
-                    "steps_to_goal": self._to_goal,
-                    "actions": tuple(self._actions),
-                }
-            )
-        return observation, reward, terminated, truncated, info
 
 
 class Evaluator:

@@ -10,18 +10,21 @@ from typing import Any
 
 import numpy as np
 import torch
+from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.logger import Logger, configure
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from usbench.agents import model_state, zoo
+from usbench.agents.vec_env import SB3VecEnv
 from usbench.envs.observation import senses
 from usbench.records import EPISODES, EVALUATIONS, Trial, checksums
 from usbench.records.journal import Journal
 from usbench.setting import Setting
 from usbench.trials import interruption
 from usbench.trials.callback import Progress, TrainingWatch
-from usbench.trials.evaluation import Evaluator, Recorder
+from usbench.trials.evaluation import Evaluator
+from usbench.trials.recorder import Recorder, Report, VectorRecorder
 from usbench.trials.resume_files import ResumeFiles
 from usbench.trials.stopwatch import Stopwatch
 
@@ -35,6 +38,8 @@ def make_agent(setting: Setting, algo: str, env: Any, seed: int, hyperparameters
     kwargs: dict[str, Any] = {"device": "cpu"} if issubclass(model_class, BaseAlgorithm) else {}
     if getattr(model_class, "sees_state", False):
         kwargs["policy"] = setting.planner()
+    if getattr(model_class, "takes_symmetries", False):
+        kwargs["symmetries"] = setting.symmetries()
     return zoo.make(algo, env, seed, hyperparameters, **kwargs)
 
 
@@ -82,8 +87,7 @@ class Learning:
             progress=progress,
             boundary=self._keep,
         )
-        self._recorder = Recorder(setting.make_env(), self.watch.on_episode)
-        vec_env = DummyVecEnv([lambda: self._recorder])
+        self._recorder, vec_env = _recorded(setting, config.n_envs, self.watch.on_episode)
         env_seed, agent_seed = seeds_of(config.seed, config.algo)
         self.agent = make_agent(setting, config.algo, vec_env, agent_seed, config.hyperparameters)
         # After the agent was made: SB3 hands its own seed to the environment there.
@@ -111,9 +115,11 @@ class Learning:
             journal.cut(mark)
         model_state.put_back(self.agent, content["agent"])
         observation = self._recorder.put_back(content["environment"])
+        if isinstance(self._recorder, Recorder):
+            observation = senses.batch([observation])
         # Where the budget cut a rollout off, the agent has not kept the last observation, nor needs it.
         learns_on = self.agent.num_timesteps < self._config.steps
-        if learns_on and not senses.equal(senses.batch([observation]), self.agent._last_obs):
+        if learns_on and not senses.equal(observation, self.agent._last_obs):
             raise ValueError("it was made with other frames.")
         self.watch.put_back(content["watch"])
         self._generators = content["generators"]
@@ -182,6 +188,18 @@ class Learning:
             self._resume_files = None
             return
         resume_files.write(self.agent.num_timesteps, content)
+
+
+def _recorded(
+    setting: Setting, n_envs: int, report: Report
+) -> tuple[Recorder, DummyVecEnv] | tuple[VectorRecorder, VectorRecorder]:
+    """Return what records the episodes of `n_envs` environments, and the environments as SB3 takes them."""
+    if n_envs == 1:
+        recorder = Recorder(setting.make_env(), report)
+        return recorder, DummyVecEnv([lambda: recorder])
+    envs = SB3VecEnv(setting.make_vec_env(n_envs, autoreset_mode=AutoresetMode.SAME_STEP))
+    together = VectorRecorder(envs, report)
+    return together, together
 
 
 def seeds_of(trial_seed: int, algo: str) -> tuple[int, int]:

@@ -41,7 +41,7 @@ class Adviser:
         if isinstance(policy, ActorCriticPolicy):
             return Advice(_probabilities(policy.get_distribution(seen)))
         if isinstance(policy, DQNPolicy):
-            return Advice(_numbers(policy.q_net(seen)), "value")
+            return Advice(_numbers(getattr(policy, "greedy_net", policy.q_net)(seen)), "value")
         if isinstance(policy, QRDQNPolicy):
             return Advice(_numbers(policy.quantile_net(seen).mean(dim=1)), "value")
         return self._certain(observation, info, step)

@@ -32,7 +32,7 @@ from usbench.records import ConfigurationError, Episode
 from usbench.setting import Setting
 from usbench.trials import runner
 from usbench.trials.configuration import resolve
-from usbench.trials.evaluation import Recorder
+from usbench.trials.recorder import Recorder
 
 ENV_ID = "usbench/ImagingSetup-v1"
 

@@ -1,0 +1,139 @@
+"""Double DQN with n-step returns and symmetric views of what is remembered."""
+
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from stable_baselines3 import DQN
+from stable_baselines3.common.policies import BasePolicy
+from stable_baselines3.common.utils import LinearSchedule
+from torch.nn import functional
+
+from usbench.agents.value_based.n_step_buffer import NStepFrameBuffer
+from usbench.agents.value_based.symmetric_policy import SymmetricPolicy
+from usbench.agents.value_based.views import IMAGE, shifted
+
+
+class DoubleDQN(DQN):
+    """SB3's DQN, whose target values the action that the learning network, not the target, thinks best.
+
+    Four things differ from `DQN` besides: returns sum `return_steps` rewards, what is remembered is seen in
+    a random view of the task's symmetries, the learning rate falls in a line, and while many environments
+    explore, each has its own coin.
+
+    Sources: van Hasselt et al., "Deep reinforcement learning with double Q-learning" (2016), Eq. 4; Sutton
+    and Barto (2018), Eq. 7.1.
+
+    Attributes:
+        takes_symmetries: Whether the class is made with the `symmetries` of a task.
+    """
+
+    takes_symmetries = True
+    policy_aliases: ClassVar[dict[str, type[BasePolicy]]] = {
+        name: SymmetricPolicy for name in ("MlpPolicy", "CnnPolicy", "MultiInputPolicy")
+    }
+    policy: SymmetricPolicy
+
+    def __init__(
+        self,
+        policy: str | type[SymmetricPolicy],
+        env: Any,
+        *,
+        learning_rate: float = 1e-3,
+        final_learning_rate: float = 1e-4,
+        gamma: float = 0.9,
+        return_steps: int = 3,
+        max_shift_px: int = 0,
+        symmetries: Any = None,
+        policy_kwargs: dict[str, Any] | None = None,
+        **kwargs: Any,
+    ) -> None:
+        """Takes SB3's arguments for `DQN`, and those below.
+
+        Args:
+            policy: A `SymmetricPolicy`, or any of SB3's names for policies.
+            env: As in SB3.
+            learning_rate: That of the first update.
+            final_learning_rate: That at the end of the training.
+            gamma: Discount factor.
+            return_steps: How many rewards a return sums.
+            max_shift_px: By how many pixels images are moved sideways at most while the agent learns.
+            symmetries: Those of the task (`usbench.envs.observation.symmetries`), None for none.
+            policy_kwargs: As in SB3.
+            kwargs: As in SB3.
+        """
+        self.final_learning_rate = final_learning_rate
+        self.return_steps = return_steps
+        self.max_shift_px = max_shift_px
+        if symmetries is not None:
+            policy_kwargs = {**(policy_kwargs or {}), "symmetries": symmetries}
+        kwargs.setdefault("replay_buffer_class", NStepFrameBuffer)
+        kwargs.setdefault("replay_buffer_kwargs", {"n_steps": return_steps, "gamma": gamma})
+        super().__init__(
+            policy, env, learning_rate=learning_rate, gamma=gamma, policy_kwargs=policy_kwargs, **kwargs
+        )
+
+    def predict(
+        self,
+        observation: Any,
+        state: Any = None,
+        episode_start: npt.NDArray[Any] | None = None,
+        deterministic: bool = False,
+    ) -> tuple[npt.NDArray[Any], Any]:
+        """Actions for observations; unless `deterministic`, each is random with the exploration rate."""
+        actions, state = self.policy.predict(observation, state, episode_start, deterministic)
+        if not deterministic:
+            chosen = np.reshape(actions, -1)
+            for k in np.flatnonzero(np.random.rand(len(chosen)) < self.exploration_rate):
+                chosen[k] = self.action_space.sample()
+            actions = chosen.reshape(np.shape(actions))
+        return actions, state
+
+    def train(self, gradient_steps: int, batch_size: int = 100) -> None:
+        """Make `gradient_steps` updates, each with a batch of what is remembered."""
+        self.policy.set_training_mode(True)
+        self._update_learning_rate(self.policy.optimizer)
+        losses = [self._update(batch_size) for _ in range(gradient_steps)]
+        self._n_updates += gradient_steps
+        self.logger.record("train/n_updates", self._n_updates, exclude="tensorboard")
+        self.logger.record("train/loss", np.mean(losses))
+
+    def _update(self, batch_size: int) -> float:
+        assert self.replay_buffer is not None
+        batch = self.replay_buffer.sample(batch_size, env=self._vec_normalize_env)
+        observations, actions, following = self._viewed(
+            batch.observations, batch.actions.long(), batch.next_observations
+        )
+        with torch.no_grad():
+            best = self.q_net(following).argmax(dim=1, keepdim=True)
+            values = self.q_net_target(following).gather(1, best)
+            targets = batch.rewards + (1 - batch.dones) * batch.discounts * values
+        loss = functional.smooth_l1_loss(self.q_net(observations).gather(1, actions), targets)
+        self.policy.optimizer.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        torch.nn.utils.clip_grad_norm_(self.policy.parameters(), self.max_grad_norm)
+        self.policy.optimizer.step()
+        return float(loss.item())
+
+    def _viewed(
+        self, observations: Any, actions: torch.Tensor, following: Any
+    ) -> tuple[Any, torch.Tensor, Any]:
+        """A transition in a random view: observations before and after, and the action, alike."""
+        views = self.policy.q_net.views
+        if views is not None:
+            numbers = views.drawn(len(actions))
+            observations = views.observations(observations, numbers)
+            following = views.observations(following, numbers)
+            actions = views.actions_in(actions, numbers)
+        return self._shifted(observations), actions, self._shifted(following)
+
+    def _shifted(self, observations: Any) -> Any:
+        if not self.max_shift_px:
+            return observations
+        if isinstance(observations, dict):
+            return {**observations, IMAGE: shifted(observations[IMAGE], self.max_shift_px)}
+        return shifted(observations, self.max_shift_px)
+
+    def _setup_lr_schedule(self) -> None:
+        self.lr_schedule = LinearSchedule(self.learning_rate, self.final_learning_rate, 1.0)

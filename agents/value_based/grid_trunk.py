@@ -1,0 +1,77 @@
+"""A small residual trunk that keeps where something is: images in, averages over a coarse grid out."""
+
+import torch
+from gymnasium import spaces
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from torch import nn
+
+from usbench.agents.networks import channels_first
+
+CHANNELS = (16, 32, 48)
+GROUPS = 4
+# Rows (depth) and columns (lateral).
+GRID = (3, 5)
+
+
+class GridTrunk(BaseFeaturesExtractor):
+    """Three stages of one residual block with group norm, and an average over each cell of a grid.
+
+    In: as `ConvTrunk`. Out: `(n, 720)`, whatever the size of the images.
+
+    An average over the whole image would forget on which side the object lies, which says where to move. The
+    first convolution has stride 2 and a max-pool behind it: most work is done on a 16th of the pixels. Group
+    norm knows no batch: acting and learning see the same network.
+
+    Sources: Espeholt et al., "IMPALA" (2018), Fig. 3, right; Wu and He, "Group normalization" (2018).
+    """
+
+    def __init__(self, observation_space: spaces.Box) -> None:
+        """Builds the trunk for images of `observation_space`, at least 8 x 8 pixels."""
+        self._channels_first = channels_first(observation_space)
+        shape = observation_space.shape
+        n_channels, height, width = shape if self._channels_first else (shape[2], shape[0], shape[1])
+        if min(height, width) < 8:
+            raise ValueError(f"images must have at least 8 x 8 pixels, not {height} x {width}.")
+        super().__init__(observation_space, CHANNELS[-1] * GRID[0] * GRID[1])
+        first, second, third = CHANNELS
+        self.stages = nn.Sequential(
+            _convolution(n_channels, first, stride=2),
+            nn.MaxPool2d(3, stride=2, padding=1),
+            NormalizedResidual(first),
+            _convolution(first, second, stride=2),
+            NormalizedResidual(second),
+            _convolution(second, third),
+            NormalizedResidual(third),
+            nn.ReLU(),
+            nn.AdaptiveAvgPool2d(GRID),
+        )
+
+    def forward(self, observations: torch.Tensor) -> torch.Tensor:
+        """Features `(n, 720)` of a batch of images."""
+        images = observations if self._channels_first else observations.permute(0, 3, 1, 2)
+        maps: torch.Tensor = self.stages(images.contiguous(memory_format=torch.channels_last))
+        return maps.flatten(1)
+
+
+class NormalizedResidual(nn.Module):
+    """x + conv(ReLU(norm(conv(ReLU(norm(x)))))), 3x3 each, on maps `(n, n_channels, height, width)`.
+
+    Source: He et al., "Identity mappings in deep residual networks" (2016), Fig. 4 e.
+    """
+
+    def __init__(self, n_channels: int) -> None:
+        """Builds two group norms and two convolutions."""
+        super().__init__()
+        layers: list[nn.Module] = []
+        for _ in range(2):
+            layers += [nn.GroupNorm(GROUPS, n_channels), nn.ReLU(), _convolution(n_channels, n_channels)]
+        self.branch = nn.Sequential(*layers)
+
+    def forward(self, maps: torch.Tensor) -> torch.Tensor:
+        """Maps of the same shape."""
+        result: torch.Tensor = maps + self.branch(maps)
+        return result
+
+
+def _convolution(n_in: int, n_out: int, stride: int = 1) -> nn.Conv2d:
+    return nn.Conv2d(n_in, n_out, kernel_size=3, stride=stride, padding=1)

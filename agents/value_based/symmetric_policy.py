@@ -1,0 +1,68 @@
+"""A dueling Q-network that gives symmetric observations symmetric values, and its policy."""
+
+from typing import Any
+
+import torch
+from stable_baselines3.common.torch_layers import create_mlp
+from stable_baselines3.dqn.policies import DQNPolicy, QNetwork
+from torch import nn
+
+from usbench.agents.value_based.views import Views
+
+
+class SymmetricQNetwork(QNetwork):
+    """Values of the actions: features of the observation, and one output for its value and the advantages.
+
+    With senses, the network looks at the canonical view of an observation (see `Views.canonical`) and the
+    values are turned back: the network learns an eighth of the poses and is exact about the others.
+
+    Source: Wang et al., "Dueling network architectures" (2016), Eq. 9.
+    """
+
+    def __init__(self, *args: Any, symmetries: Any = None, **kwargs: Any) -> None:
+        """Takes SB3's arguments; `symmetries` are those of the task, None for none."""
+        super().__init__(*args, **kwargs)
+        n_outputs = int(self.action_space.n) + 1
+        self.q_net = nn.Sequential(
+            *create_mlp(self.features_dim, n_outputs, self.net_arch, self.activation_fn)
+        )
+        self.views = None if symmetries is None else Views(symmetries)
+
+    def forward(self, obs: Any) -> torch.Tensor:
+        """Values `(n, n_actions)` of a batch of observations."""
+        if self.views is None:
+            return self._dueling(obs)
+        numbers = self.views.canonical(obs)
+        return self.views.values_from(self._dueling(self.views.observations(obs, numbers)), numbers)
+
+    def _dueling(self, obs: Any) -> torch.Tensor:
+        outputs = super().forward(obs)
+        value, advantages = outputs[:, :1], outputs[:, 1:]
+        return value + advantages - advantages.mean(dim=1, keepdim=True)
+
+
+class SymmetricPolicy(DQNPolicy):
+    """SB3's policy for DQN with `SymmetricQNetwork`s.
+
+    Greedy actions are those of the target network, whose weights are an average of those of many updates.
+    """
+
+    def __init__(self, *args: Any, symmetries: Any = None, **kwargs: Any) -> None:
+        """Takes SB3's arguments; `symmetries` are those of the task, None for none."""
+        self.symmetries = symmetries
+        super().__init__(*args, **kwargs)
+
+    @property
+    def greedy_net(self) -> QNetwork:
+        """The network whose best action is the greedy one."""
+        return self.q_net_target
+
+    def make_q_net(self) -> QNetwork:
+        """A new network."""
+        arguments = self._update_features_extractor(self.net_args, features_extractor=None)
+        return SymmetricQNetwork(**arguments, symmetries=self.symmetries).to(self.device)
+
+    def _predict(self, obs: Any, deterministic: bool = True) -> torch.Tensor:
+        network = self.greedy_net if deterministic else self.q_net
+        actions: torch.Tensor = network(obs).argmax(dim=1)
+        return actions

@@ -1,0 +1,129 @@
+"""Exact symmetries of a task: other observations and actions that mean the same (SPEC, section 9).
+
+Tissue is drawn evenly on both sides of every axis, and the object is symmetric about its plane and its axis,
+as the beam is in elevation. So three changes of the scene leave an episode what it was, but for speckle:
+
+* elevation reflected: both angles are negated. The picture stays, the two rotations swap.
+* the probe turned about: its angle grows by 180 degrees. The picture is mirrored, every action stays.
+* the probe turned about and x negated: the picture stays, left and right swap.
+
+Each undoes itself, and their order does not matter: together they make eight symmetries.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+import numpy.typing as npt
+
+from usbench.envs.observation.senses import ACTIONS, IMAGE, SENSES, Observation, Senses, parts, whole
+from usbench.envs.pose import Move, Pose
+from usbench.envs.task import Task
+
+
+@dataclass(frozen=True)
+class Symmetries:
+    """The symmetries of a task for an agent with some senses, as arrays; the first changes nothing.
+
+    Attributes:
+        mirrored: Whether left and right of the picture swap, (n,) bool.
+        sources: From which of an observation's senses each sense comes, (n, size) integers.
+        signs: What that sense is multiplied by, (n, size) of -1 and 1.
+        actions: What each action becomes, (n, n_actions) integers.
+        coordinates: Which senses are coordinates of the probe, (size,) bool; the others are the last action.
+    """
+
+    mirrored: npt.NDArray[np.bool_]
+    sources: npt.NDArray[np.int64]
+    signs: npt.NDArray[np.float32]
+    actions: npt.NDArray[np.int64]
+    coordinates: npt.NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        """How many there are."""
+        return len(self.mirrored)
+
+    def observation(self, number: int, observation: Observation) -> Observation:
+        """Return what frames (height, width, n) and senses (n * size,) become by symmetry `number`."""
+        known = dict(parts(observation))
+        if self.mirrored[number]:
+            known[IMAGE] = known[IMAGE][:, ::-1].copy()
+        if SENSES in known:
+            each = known[SENSES].reshape(-1, self.sources.shape[1])
+            known[SENSES] = (each[:, self.sources[number]] * self.signs[number]).reshape(-1)
+        return whole(known)
+
+
+@dataclass(frozen=True)
+class _Change:
+    """A symmetry as it acts on poses: signs of x and angle, and an angle that is added."""
+
+    x: int
+    angle: int
+    turn_deg: int
+
+    @property
+    def mirrors(self) -> bool:
+        """Whether the picture is mirrored: the turned probe shows so, and negated x shows it back."""
+        return (self.turn_deg == 180) != (self.x == -1)
+
+    def pose(self, pose: Pose) -> Pose:
+        """Return the pose that takes the place of `pose`."""
+        angle = (self.angle * pose.angle_deg + self.turn_deg) % 360
+        return replace(pose, x_mm=self.x * pose.x_mm, angle_deg=angle)
+
+    def move(self, move: Move) -> Move:
+        """Return the move that takes the place of `move`."""
+        return replace(move, x_mm=self.x * move.x_mm, angle_deg=self.angle * move.angle_deg)
+
+
+# Elevation reflected or not, turned about or not, turned about with x negated or not.
+_ALL = tuple(
+    _Change(x=-1 if negated else 1, angle=-1 if reflected else 1, turn_deg=180 * (turned != negated))
+    for negated, turned, reflected in product((False, True), repeat=3)
+)
+
+
+def symmetries(senses: Senses) -> Symmetries:
+    """Return the symmetries of the senses' task that lead from its poses to its poses, each once."""
+    task = senses.task
+    found = []
+    for change in _ALL:
+        if {change.pose(pose) for pose in task.states} <= task.indices.keys():
+            actions = _actions(change, task)
+            found.append((change.mirrors, *_on_senses(change, senses, actions), actions))
+    # Where a probe never turns, some are the same for the agent.
+    different = [one for place, one in enumerate(found) if one not in found[:place]]
+    mirrored, sources, signs, actions = zip(*different, strict=True)
+    n_actions = len(task.actions) if ACTIONS in senses.names else 0
+    return Symmetries(
+        mirrored=np.array(mirrored),
+        sources=np.array(sources, np.int64),
+        signs=np.array(signs, np.float32),
+        actions=np.array(actions, np.int64),
+        coordinates=np.arange(senses.size) < senses.size - n_actions,
+    )
+
+
+def _actions(change: _Change, task: Task) -> list[int]:
+    """Return what each action becomes; one that does not move the probe stays."""
+    moves = [action.move for action in task.actions]
+    return [
+        number if change.move(move) == move else moves.index(change.move(move))
+        for number, move in enumerate(moves)
+    ]
+
+
+def _on_senses(change: _Change, senses: Senses, actions: list[int]) -> tuple[list[int], list[int]]:
+    """Return from where each sense comes, and with which sign."""
+    sines = change.angle * (-1 if change.turn_deg else 1)
+    by_name = {"position": [change.x], "focus": [1], "heading": [sines, -1 if change.turn_deg else 1]}
+    signs = [sign for name in senses.names if name != ACTIONS for sign in by_name[name]]
+    sources = list(range(len(signs)))
+    if ACTIONS in senses.names:
+        # The changes undo themselves: the action that became this one is the one that this one becomes.
+        sources += [len(signs) + action for action in actions]
+        signs += [1] * len(actions)
+    return sources, signs

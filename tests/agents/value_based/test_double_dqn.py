@@ -1,0 +1,190 @@
+"""Double DQN: its target by hand, exact symmetry of its values, and views, shifts and coins of their own."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import torch
+from gymnasium import spaces
+from signs import Signs
+from stable_baselines3.common.buffers import ReplayBufferSamples
+from stable_baselines3.common.vec_env import DummyVecEnv
+
+from usbench.agents import zoo
+from usbench.agents.value_based.double_dqn import DoubleDQN
+from usbench.agents.value_based.grid_trunk import GridTrunk
+from usbench.agents.value_based.symmetric_policy import SymmetricQNetwork
+from usbench.agents.value_based.views import Views, shifted
+from usbench.setting import Setting
+
+SETTING = Setting(task="pp-tracked", senses=("position", "heading", "actions"), n_frames=2)
+SYMMETRIES = SETTING.symmetries()
+SMALL = {"learning_starts": 16, "train_freq": 4, "batch_size": 16, "buffer_size": 1000}
+
+
+def observations(n=40, seed=0):
+    generator = torch.Generator().manual_seed(seed)
+    images = torch.randn(n, 90, 40, 2, generator=generator)
+    senses = torch.randn(n, 2 * SYMMETRIES.sources.shape[1], generator=generator)
+    return {"image": images, "senses": senses}
+
+
+def model(n_envs=1, **settings):
+    env = DummyVecEnv([Signs] * n_envs)
+    chosen = zoo.hyperparameters("double_dqn", "pp", SMALL | settings)
+    return zoo.make("double_dqn", env, 3, chosen, device="cpu")
+
+
+def test_views_of_batches_are_those_of_the_symmetries():
+    views, seen = Views(SYMMETRIES), observations(8)
+    numbers = torch.arange(8)
+    viewed = views.observations(seen, numbers)
+    for k in range(8):
+        one = {name: values[k].numpy() for name, values in seen.items()}
+        expected = SYMMETRIES.observation(k, one)
+        np.testing.assert_array_equal(viewed["image"][k], expected["image"])
+        np.testing.assert_array_equal(viewed["senses"][k], expected["senses"])
+    actions = torch.arange(8)[:, None] % 5
+    expected = [SYMMETRIES.actions[k, k % 5] for k in range(8)]
+    assert views.actions_in(actions, numbers).flatten().tolist() == expected
+    assert len(views.state_dict()) == 0
+
+
+def test_canonical_views_have_no_negative_coordinate():
+    views, seen = Views(SYMMETRIES), observations()
+    viewed = views.observations(seen, views.canonical(seen))
+    assert (viewed["senses"].view(-1, 2, 8)[:, -1, :3] >= 0).all()
+
+
+@pytest.mark.parametrize("number", range(8))
+def test_symmetric_observations_have_symmetric_values(number):
+    env = SimpleNamespace(
+        observation_space=spaces.Dict(
+            image=spaces.Box(-3, 3, (90, 40, 2), np.float32), senses=spaces.Box(-1, 1, (16,), np.float32)
+        ),
+        action_space=spaces.Discrete(5),
+    )
+    row = zoo._with_senses(zoo.entry("double_dqn"))
+    cls, kwargs = (zoo._resolved(row.policy_kwargs[f"features_extractor_{x}"]) for x in ("class", "kwargs"))
+    extractor = cls(env.observation_space, **kwargs)
+    torch.manual_seed(0)
+    network = SymmetricQNetwork(
+        env.observation_space,
+        env.action_space,
+        features_extractor=extractor,
+        features_dim=extractor.features_dim,
+        net_arch=[],
+        symmetries=SYMMETRIES,
+    )
+    seen = observations()
+    numbers = torch.full((40,), number)
+    with torch.no_grad():
+        values = network(seen)
+        there = network(network.views.observations(seen, numbers))
+    assert values.std(dim=1).min() > 1e-4
+    torch.testing.assert_close(network.views.values_from(there, numbers), values)
+
+
+def test_every_view_is_drawn_as_often():
+    torch.manual_seed(0)
+    counts = torch.bincount(Views(SYMMETRIES).drawn(8000))
+    assert len(counts) == 8
+    assert (counts - 1000).abs().max() < 150
+
+
+def test_target_is_valued_by_the_target_network_for_the_other_networks_action(monkeypatch):
+    """Van Hasselt et al. (2016), Eq. 4, with a return of several steps."""
+    agent = model()
+    seen = torch.zeros(2, *agent.observation_space.shape)
+    batch = ReplayBufferSamples(
+        observations=seen,
+        actions=torch.tensor([[0], [1]]),
+        next_observations=seen,
+        dones=torch.tensor([[0.0], [1.0]]),
+        rewards=torch.tensor([[2.0], [3.0]]),
+        discounts=torch.tensor([[0.729], [0.729]]),
+    )
+    found = []
+    monkeypatch.setattr(agent, "replay_buffer", SimpleNamespace(sample=lambda n, env: batch))
+    monkeypatch.setattr(
+        "torch.nn.functional.smooth_l1_loss",
+        lambda current, target: found.append((current, target)) or (current - target).square().mean(),
+    )
+    with torch.no_grad():
+        for parameter in agent.q_net_target.q_net.parameters():
+            parameter.copy_(torch.randn_like(parameter))
+        best = agent.q_net(seen).argmax(1, keepdim=True)
+        values = agent.q_net_target(seen).gather(1, best)
+        before = agent.q_net(seen)
+    agent._update(2)
+    current, target = found[0]
+    torch.testing.assert_close(target, torch.tensor([[2.0 + 0.729 * float(values[0])], [3.0]]))
+    torch.testing.assert_close(current, before.gather(1, batch.actions))
+
+
+def test_values_are_advantages_around_a_value():
+    network = model().q_net
+    outputs = torch.tensor([[10.0, 1.0, 3.0]])
+    network.q_net = torch.nn.Sequential(torch.nn.Flatten())
+    network.extract_features = lambda obs, extractor: outputs
+    torch.testing.assert_close(network(None), torch.tensor([[9.0, 11.0]]))
+
+
+def test_learning_rate_falls_in_a_line():
+    agent = model(learning_rate=1e-2, final_learning_rate=1e-3)
+    assert [agent.lr_schedule(left) for left in (1.0, 0.5, 0.0)] == pytest.approx([1e-2, 5.5e-3, 1e-3])
+    agent.learn(64)
+    assert agent.policy.optimizer.param_groups[0]["lr"] < 2e-3
+
+
+def test_each_environment_tosses_a_coin_of_its_own():
+    agent = model(n_envs=8).learn(32)
+    seen = np.repeat(agent._last_obs[:1], 400, axis=0)
+    agent.exploration_rate = 0.5
+    np.random.seed(0)
+    greedy = agent.policy.q_net(torch.as_tensor(seen)).argmax(1).numpy()
+    actions, _ = agent.predict(seen)
+    # Half of them explore, and half of those by chance do what the network says.
+    assert 50 < (actions != greedy).sum() < 150
+    one, _ = agent.predict(seen[0])
+    assert np.shape(one) == ()
+
+
+def test_greedy_actions_are_those_of_the_averaged_network():
+    agent = model().learn(32)
+    with torch.no_grad():
+        for parameter in agent.q_net.q_net.parameters():
+            parameter.mul_(-1.0)
+    seen = torch.randn(16, *agent.observation_space.shape)
+    actions, _ = agent.predict(seen.numpy(), deterministic=True)
+    assert actions.tolist() == agent.q_net_target(seen).argmax(1).tolist()
+
+
+def test_shifts_move_images_sideways_and_repeat_the_edge():
+    torch.manual_seed(0)
+    images = torch.arange(4.0)[None, None, :, None].repeat(200, 9, 1, 2)
+    moved = shifted(images, 1)
+    assert torch.equal(moved[:, :1], moved[:, -1:])
+    rows = {tuple(row) for row in moved[:, 0, :, 0].tolist()}
+    assert rows == {(0, 1, 2, 3), (0, 0, 1, 2), (1, 2, 3, 3)}
+
+
+def test_trunk_tells_where_something_is():
+    torch.manual_seed(0)
+    trunk = GridTrunk(spaces.Box(-3, 3, (90, 40, 1), np.float32))
+    image = torch.zeros(1, 90, 40, 1)
+    image[0, 40:50, 4:10] = 3.0
+    with torch.no_grad():
+        left, right = trunk(image), trunk(image.flip(2))
+    assert left.shape == (1, 720)
+    assert (left - right).abs().max() > 0.1 * left.abs().max()
+
+
+def test_trunk_refuses_images_that_are_too_small():
+    with pytest.raises(ValueError, match="images must have at least 8 x 8 pixels, not 7 x 40"):
+        GridTrunk(spaces.Box(-3, 3, (7, 40, 2), np.float32))
+
+
+def test_class_makes_models_without_the_table():
+    agent = DoubleDQN("MlpPolicy", DummyVecEnv([Signs]), seed=0, learning_starts=8, buffer_size=100)
+    assert agent.learn(16).num_timesteps == 16
