@@ -10,6 +10,8 @@ from usbench.checks import closest
 
 REFUSED = 2
 # Said after Ctrl-C of commands that keep what they have done.
+# The leaderboard of the grid.
+LEADERBOARD = Path("leaderboard.md")
 GOES_ON = "the same command goes on from there."
 
 
@@ -49,14 +51,14 @@ def setting(text: str) -> tuple[str, str]:
     return name, value
 
 
-def add_leaderboard_file(parser: argparse.ArgumentParser) -> None:
-    """Add the option for the file of the leaderboard."""
+def add_leaderboard_file(parser: argparse.ArgumentParser, default: str = str(LEADERBOARD)) -> None:
+    """Add the option for the file of the leaderboard; `default` says in words where it is without one."""
     parser.add_argument(
         "--leaderboard",
         type=Path,
-        default=Path("leaderboard.md"),
+        default=LEADERBOARD,
         metavar="FILE",
-        help="file to write (default leaderboard.md)",
+        help=f"file to write (default {default})",
     )
 
 

@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import argparse
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from usbench.cli.arguments import GOES_ON, add_leaderboard_file, add_sweep, number
+from usbench.cli.arguments import GOES_ON, LEADERBOARD, add_leaderboard_file, add_sweep, number
 
 if TYPE_CHECKING:
     from usbench.compare.sweep import Outcome
     from usbench.records import TrialConfig
 
 
+# Where the leaderboards of the protocol's further tables are.
+TABLES = Path("tables")
+
 EXAMPLES = """examples:
   usbench compare
       the grid of the protocol: every algorithm on both tasks with three noise levels and 10 seeds
-  usbench compare --table single-frames --leaderboard tables/single-frames.md
-      a further table of the protocol
+  usbench compare --table single-frames
+      a further table of the protocol, with a leaderboard apart: tables/single-frames.md
   usbench compare --algos vpg ppo --tasks pp --noise 0 --seeds 10 --jobs 8
   usbench compare --steps 1024 --seeds 2 --out quick --leaderboard quick/leaderboard.md
       a minute's try
@@ -68,7 +72,8 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
     compare.add_argument(
         "--steps", type=number, metavar="N", help="training steps (default: the task's budget)"
     )
-    add_leaderboard_file(compare)
+    add_leaderboard_file(compare, "leaderboard.md, and tables/NAME.md with --table NAME")
+    compare.set_defaults(leaderboard=None)
     add_sweep(compare)
     compare.add_argument(
         "--cluster",
@@ -84,14 +89,17 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
 def _call(args: argparse.Namespace) -> None:
     """Run what is missing of a comparison, then write its leaderboard and figures."""
     from usbench.cli.output import sweep_output
-    from usbench.compare import plan, protocol, runs
+    from usbench.compare import plan, protocol, rest, runs
     from usbench.results import leaderboard
 
     jobs = None if args.jobs is None else plan.positive("jobs", args.jobs)
+    rules = protocol.read()
+    if args.leaderboard is None:
+        args.leaderboard = LEADERBOARD if args.table is None else TABLES / f"{args.table}.md"
     planned = plan.by_protocol(
-        protocol.read(),
+        rules,
         args.table,
-        algos=args.algos,
+        algos=args.algos or rest.rows(rules, args.table, args.out, leaderboard.files(LEADERBOARD)),
         tasks=args.tasks,
         noises=args.noise,
         n_seeds=args.seeds,

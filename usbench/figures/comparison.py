@@ -14,6 +14,7 @@ from usbench.figures import looks, paper, style
 from usbench.figures.cells import cell_panels
 from usbench.results import ranking, scores, stats
 from usbench.results.agents import named
+from usbench.results.protocol import further
 from usbench.results.scores import SCORED, Cell
 from usbench.results.tables import Results
 
@@ -53,14 +54,15 @@ def draw(known: Results) -> dict[str, Figure | None]:
     """Return every figure by its name, None where there are no results for one."""
     drawn = {}
     for part, own in scores.parts(known).items():
-        prefix = "other_" if part == scores.OTHERS else ""
+        prefix = {scores.OTHERS: "other_", **{name: f"{name}_" for name in further.names()}}.get(part, "")
         drawn[f"{prefix}scores"] = final_scores(own)
         curves = scores.learning_curves(own)
         drawn[f"{prefix}learning_curves"] = learning_curves(own, curves)
         drawn[f"{prefix}learning_curves_cpu"] = learning_curves(own, curves, over="minutes")
         drawn[f"{prefix}performance_profiles"] = performance_profiles(own)
         drawn[f"{prefix}improvement"] = improvement(own)
-    return drawn | {"figure4": paper.figure4(known), "figure5": paper.figure5(known)}
+    first = further.first(known)
+    return drawn | {"figure4": paper.figure4(first), "figure5": paper.figure5(first)}
 
 
 def final_scores(known: Results) -> Figure | None:

@@ -37,7 +37,7 @@ def agents(names: Iterable[str]) -> dict[str, Look]:
 
     A name of the table is drawn as the table says. Another name follows from its letters alone, so that it is
     drawn alike whatever stands beside it; of two names that would look the same, the later one moves on. A
-    variant ("ppo gamma=0.9") has its algorithm's colour.
+    variant ("ppo gamma=0.9", "ppo+residual") has its algorithm's colour.
     """
     found: dict[str, Look] = {}
     for name in sorted(set(names)):
@@ -57,7 +57,7 @@ def noise(p: float) -> Look:
 
 def _other(name: str, taken: list[Look]) -> Look:
     algo, *_ = name.split()
-    base = KNOWN.get(algo)
+    base = KNOWN.get(algo.partition("+")[0])
     colors = (base["color"],) if base else OTHER_COLORS
     n_looks = len(colors) * len(OTHER_MARKERS) * len(LINES)
     first = crc32(name.encode())

@@ -7,6 +7,7 @@ import pandas as pd
 from usbench import seed_pools
 from usbench.checks import ConfigurationError
 from usbench.results import agents
+from usbench.results.protocol import further
 from usbench.results.tables import ORDER, Results
 
 
@@ -40,7 +41,7 @@ def add(known: Results, added: Results) -> Addition:
     _check_seeds(_others(added, known.trials).trials)
     same, other = repeated(known, added)
     results = joined(known, _others(added, known.trials[known.trials["trial"].isin(same)]))
-    own = agents.named(results.trials)
+    own = pd.concat([agents.named(trials) for trials in further.tables_of(results.trials).values()])
     own = own[own["trial"].isin(added.trials["trial"]) & (own["agent"] != own["algo"])]
     return Addition(results, same, other, dict(zip(own["trial"], own["agent"], strict=True)))
 

@@ -11,6 +11,7 @@ from usbench.anchors import Anchors
 from usbench.atomic import atomic_file
 from usbench.results import scores, stats
 from usbench.results.agents import named
+from usbench.results.protocol import further
 from usbench.results.scores import SCORED
 from usbench.results.tables import DECIMALS, Results
 
@@ -48,8 +49,8 @@ def write(tested: pd.DataFrame, folder: Path) -> Path:
 
 
 def candidates(known: Results) -> pd.DataFrame:
-    """Return the finished trials on one phantom that have a counterpart with many."""
-    trials = known.trials
+    """Return the finished trials of the grid on one phantom that have a counterpart with many."""
+    trials = further.first(known).trials
     return trials[(trials["status"] == "finished") & trials["task"].isin(MANY) & (trials["steps"] > 0)]
 
 

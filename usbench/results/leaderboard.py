@@ -8,7 +8,7 @@ from usbench.anchors import Anchors
 from usbench.atomic import atomic_file
 from usbench.records import ConfigurationError
 from usbench.results import held_out, provenance, ranking, scores, studies, tables, text, together, verdict
-from usbench.results.protocol import tuning
+from usbench.results.protocol import further, tuning
 from usbench.results.scores import CELL, ROW, SCORED, Cell
 from usbench.results.tables import SAMPLED, Results
 from usbench.results.text import DASH
@@ -101,10 +101,12 @@ def markdown(
             f"`{agent}` is not in the table of {name}: {why}."
             for agent, why in sorted(scores.matrices(own)[1].items())
         ]
-    trials_of = dict(iter(known.trials.groupby(CELL)))
-    for cell, rows in scores.cells(known).groupby(CELL):
-        parts += [f"## {Cell(*cell).name}", _anchors(trials_of[cell]), _cell(rows)]
-    unseen = pd.DataFrame() if tested is None else held_out.table(known, tested)
+    rows = scores.cells(known)
+    for name, own in further.split(known).items():
+        parts += _cells(own, rows[rows["table"] == name], "" if name == further.GRID else f": {name}")
+        in_table = "" if name == further.GRID else f"In {name}: "
+        notes += [f"{in_table}{note}" for note in provenance.notes(own.trials)]
+    unseen = pd.DataFrame() if tested is None else held_out.table(further.first(known), tested)
     if not unseen.empty:
         parts += ["## Phantoms never seen", _unseen(unseen)]
     if studied is not None and not studied.empty:
@@ -112,7 +114,6 @@ def markdown(
     if searched is not None and not searched.empty:
         parts += ["## How hard each is to tune", tuning.section(searched)]
     parts += ["## How this was made", provenance.making(known.trials)]
-    notes += provenance.notes(known.trials)
     if notes:
         parts += ["## Notes", "\n".join(f"* {note}" for note in notes)]
     return "\n\n".join(parts) + "\n"
@@ -121,6 +122,16 @@ def markdown(
 def _studies(studied: pd.DataFrame) -> str:
     rows = [studies.HEAD, ["---"] * 4 + ["---:"] * (len(studies.HEAD) - 4), *studies.texts(studied)]
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
+
+
+def _cells(own: Results, rows: pd.DataFrame, where: str) -> list[str]:
+    """Return the sections of a table's cells."""
+    trials_of = dict(iter(own.trials.groupby(CELL)))
+    return [
+        part
+        for cell, own_rows in rows.groupby(CELL)
+        for part in (f"## {Cell(*cell).name}{where}", _anchors(trials_of[cell]), _cell(own_rows))
+    ]
 
 
 def _anchors(trials: pd.DataFrame) -> str:

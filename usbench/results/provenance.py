@@ -7,6 +7,7 @@ import pandas as pd
 
 from usbench import seed_pools
 from usbench.results.agents import named
+from usbench.results.protocol import further
 from usbench.results.scores import CELL, Cell, cells_of, environments
 from usbench.tasks import row_of
 
@@ -23,7 +24,11 @@ def making(trials: pd.DataFrame) -> str:
     """Return the command, how many trials are finished, the hours and the versions, as Markdown."""
     finished = trials[trials["status"] == "finished"]
     hours, training = (finished[key].sum() / 3600 for key in ("total_s", "training_s"))
-    lines = commands(trials)
+    lines = [
+        line
+        for name, own in further.tables_of(trials).items()
+        for line in (commands(own) if name == further.GRID else [f"usbench compare --table {name}"])
+    ]
     if len(lines) > 1:
         lines.append("usbench leaderboard --runs runs")
     parts = ["\n".join(["```", *lines, "```"])] if lines else []

@@ -13,6 +13,7 @@ import pandas as pd
 
 from usbench.results import stats
 from usbench.results.agents import named
+from usbench.results.protocol import further
 from usbench.results.tables import EXPLORATION, GREEDY, MEANS, SAMPLED, TRAINING, Results
 from usbench.tasks import PAPER
 
@@ -41,11 +42,16 @@ _NO_SCORE = dict.fromkeys(("score", "score_low", "score_high"), np.nan)
 
 
 def parts(results: Results) -> dict[str, Results]:
-    """Return the results that are averaged together: all, or the paper's tasks and the others apart.
+    """Return the results that are averaged together: those of the grid first, then each further table's.
 
-    Apart where agents learned on both: the paper's question is about its own, and the tasks beside them need
-    not have every algorithm and noise.
+    Of the grid, the paper's tasks and the others are apart where agents learned on both: the paper's question
+    is about its own, and the tasks beside them need not have every algorithm and noise.
     """
+    grid, *others = further.split(results).items()
+    return _by_tasks(grid[1]) | dict(others)
+
+
+def _by_tasks(results: Results) -> dict[str, Results]:
     learning = results.trials["steps"] > 0
     papers = results.trials["task"].isin(PAPER)
     if not (learning & papers).any() or not (learning & ~papers).any():
@@ -70,16 +76,27 @@ def value_based(trials: pd.DataFrame) -> pd.Series:
 
 
 def cells(results: Results) -> pd.DataFrame:
-    """Return a row per task, noise, algorithm, configuration and kind of actions, without index.
+    """Return a row per table, task, noise, algorithm, configuration and kind of actions, without index.
 
-    Beside names: `seeds` that are finished of `seeds_asked`; `score` (interquartile mean of the normalised
-    score over seeds) with `score_low` and `score_high`, its 95 % interval (NaN for a single seed); the means
-    over seeds of the columns `tables.MEANS`; `area_under_curve` of the score and `training_minutes`. A row
-    without a finished trial holds NaN, and so do the sampled actions of value-based agents: those explore,
-    and how much is a setting.
+    `table` is the grid or a further table of the protocol. Beside names: `seeds` that are finished of
+    `seeds_asked`; `score` (interquartile mean of the normalised score over seeds) with `score_low` and
+    `score_high`, its 95 % interval (NaN for a single seed); the means over seeds of the columns
+    `tables.MEANS`; `area_under_curve` of the score and `training_minutes`. A row without a finished trial
+    holds NaN, and so do the sampled actions of value-based agents: those explore, and how much is a setting.
     """
+    found = []
+    for table, own in further.split(results).items():
+        found.append(_cells(own))
+        found[-1].insert(0, "table", table)
+    return pd.concat(found, ignore_index=True)
+
+
+def _cells(results: Results) -> pd.DataFrame:
+    """Return the rows of one table."""
     asked = {
-        task: seeds_asked(own.trials) for own in parts(results).values() for task in set(own.trials["task"])
+        task: seeds_asked(own.trials)
+        for own in _by_tasks(results).values()
+        for task in set(own.trials["task"])
     }
     curves = results.curves[results.curves["kind"] != TRAINING]
     curves = curves.merge(results.trials[["trial", "training_s"]], on="trial")

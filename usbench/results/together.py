@@ -7,8 +7,9 @@ import pandas as pd
 
 from usbench.results import ranking, scores, stats
 from usbench.results.agents import named
+from usbench.results.protocol import further
 from usbench.results.tables import Results
-from usbench.results.text import DASH, agent, bounds, interval, number, table
+from usbench.results.text import DASH, agent, bounds, capital, interval, number, table
 
 
 def sections(own: Results, name: str, pairs: pd.DataFrame) -> list[str]:
@@ -23,8 +24,11 @@ def sections(own: Results, name: str, pairs: pd.DataFrame) -> list[str]:
     learners = scores.finals_of_learners(own)
     where = "" if name == scores.ALL else f": {name}"
     found = []
-    if matrices:
-        found += [f"## {name[0].upper()}{name[1:]} together", overall(own.trials, matrices)]
+    if matrices and name in further.names():
+        about = f"As the grid, with {further.describe(name)}; never averaged with it."
+        found += [f"## Further table: {name}", about, overall(own.trials, matrices)]
+    elif matrices:
+        found += [f"## {capital(name)} together", overall(own.trials, matrices)]
     if len(learners) > 1:
         found += [f"## Probability of improvement{where}", improvement(list(learners), pairs)]
         found += [f"## Stability of ranks{where}", stability(learners)]

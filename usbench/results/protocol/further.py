@@ -1,0 +1,130 @@
+"""The further tables of the protocol, apart from its grid: other frames, another network, a longer training.
+
+What a trial is of follows from its settings alone, so that trials of all tables may lie in one folder.
+"""
+
+import json
+import tomllib
+from collections.abc import Mapping
+from functools import cache
+from typing import Any, NamedTuple
+
+import pandas as pd
+
+from usbench import seed_pools
+from usbench.records import TrialConfig
+from usbench.results.tables import Results
+from usbench.tasks import row_of
+
+GRID = "grid"
+# Between the name of an algorithm and that of its network.
+NETWORK = "+"
+
+
+class _Table(NamedTuple):
+    """What the trials of a table have in common."""
+
+    n_frames: int
+    network: str
+    budgets: int
+    tasks: frozenset[str]
+    noises: frozenset[float]
+
+
+def split(known: Results) -> dict[str, Results]:
+    """Return the results of each table that has any, by its name: the grid first, then the further tables."""
+    found = tables_of(known.trials)
+    return (
+        {name: known.of(trials) for name, trials in found.items()}
+        if len(found) > 1
+        else dict.fromkeys(found, known)
+    )
+
+
+def tables_of(trials: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    """Return the trials of each table that has any, by its name: the grid first, then the further tables.
+
+    Whatever is of no further table is of the grid. A reference policy has neither network nor budget, so that
+    it is in every table with its frames and its cell.
+    """
+    learned = trials["steps"] > 0
+    of = pd.Series([_table_of(row) for row in trials.to_dict("records")], index=trials.index, dtype=object)
+    names = set(of[learned])
+    if len(names) < 2:
+        return {next(iter(names), GRID): trials}
+    cells = pd.Series(list(zip(trials["task"], trials["noise"], strict=True)), index=trials.index)
+    n_frames = trials["settings"].map(_n_frames)
+    found = {GRID: trials[of == GRID]} if GRID in names else {}
+    for name in [name for name in _further() if name in names]:
+        own = learned & (of == name)
+        beside = ~learned & (n_frames == _further()[name].n_frames) & cells.isin(set(cells[own]))
+        found[name] = trials[own | beside]
+    return found
+
+
+def first(known: Results) -> Results:
+    """Return the results of the grid alone; where there are none, those of the first further table."""
+    return next(iter(split(known).values()))
+
+
+def names() -> tuple[str, ...]:
+    """Return the names of the further tables that differ from the grid by more than their tasks."""
+    return tuple(_further())
+
+
+def describe(name: str) -> str:
+    """Return in words how a further table differs from the grid."""
+    table, default = _further()[name], _default()
+    parts = []
+    if table.n_frames != default.n_frames:
+        frames = "1 frame" if table.n_frames == 1 else f"{table.n_frames} frames"
+        parts.append(f"{frames} in one observation in place of {default.n_frames}")
+    if table.network:
+        parts.append(f"the {table.network} network in place of the paper's")
+    if table.budgets != 1:
+        parts.append(f"{table.budgets} times the training steps")
+    return " and ".join(parts)
+
+
+def _table_of(trial: Mapping[str, Any]) -> str:
+    """Return the name of the table that a trial is of."""
+    n_frames, network = _n_frames(trial["settings"]), trial["algo"].partition(NETWORK)[2]
+    if trial["steps"] == 0:
+        elsewhere = n_frames in {table.n_frames for table in _further().values()} - {_default().n_frames}
+        return "" if elsewhere else GRID
+    what = (n_frames, network, trial["steps"] / row_of(trial["task"]).steps)
+    for name, table in _further().items():
+        if table[:3] == what and trial["task"] in table.tasks and trial["noise"] in table.noises:
+            return name
+    return GRID
+
+
+def _n_frames(settings: str) -> int:
+    return int(json.loads(settings).get("n_frames", _default().n_frames))
+
+
+def _default() -> _Table:
+    known = _comparison()
+    return _Table(TrialConfig.n_frames, "", 1, frozenset(known["tasks"]), frozenset(known["noises"]))
+
+
+@cache
+def _further() -> dict[str, _Table]:
+    """Return the tables of the protocol whose trials differ from the grid's by more than their task."""
+    default = _default()
+    tables = {
+        extra["name"]: _Table(
+            extra.get("n_frames", default.n_frames),
+            extra.get("network", default.network),
+            extra.get("budgets", default.budgets),
+            frozenset(extra.get("tasks", default.tasks)),
+            frozenset(extra["noises"]),
+        )
+        for extra in _comparison()["extras"]
+    }
+    return {name: table for name, table in tables.items() if table[:3] != default[:3]}
+
+
+@cache
+def _comparison() -> dict[str, Any]:
+    return dict(tomllib.loads(seed_pools.PROTOCOL.read_text(encoding="utf-8"))["comparison"])
