@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from usbench.figures import style
+from usbench.figures import looks, style
 from usbench.results.protocol import tuning
 
 NAME = "tuning"
@@ -24,29 +24,29 @@ def draw(known: pd.DataFrame) -> Figure | None:
     by_row = tuning.candidates(known)
     if not by_row:
         return None
-    looks = style.styles(by_row)
-    figure, axes = style.panels(1, 2, width=5.0, height=max(2.4, 0.5 + 0.34 * len(by_row)))
+    drawn = looks.agents(by_row)
+    figure, axes = style.panels(1, 2, height=max(1.9, 0.4 + 0.25 * len(by_row)))
     spread, best = axes[0]
     for place, (row, scores) in enumerate(by_row.items()):
-        color = looks[row]["color"]
+        color = drawn[row]["color"]
         diverged = np.isnan(scores)
         counted = np.where(diverged, tuning.DIVERGED, scores)
         low, middle, high = np.percentile(counted, [25, 50, 75])
-        spread.plot([low, high], [place] * 2, color=color, alpha=0.35, linewidth=9, solid_capstyle="butt")
+        spread.plot([low, high], [place] * 2, color=color, alpha=0.35, linewidth=7, solid_capstyle="butt")
         spread.plot([middle] * 2, [place - 0.25, place + 0.25], color=color, linewidth=2)
         for marker, which in (("o", ~diverged), ("x", diverged)):
             heights = np.full(which.sum(), place)
-            spread.plot(counted[which], heights, marker, color="0.2", fillstyle="none", markersize=5)
+            spread.plot(counted[which], heights, marker, color="0.2", fillstyle="none", markersize=4)
         expected = tuning.expected(scores)
         n = np.arange(1, len(scores) + 1)
-        best.plot(n, expected.estimate, label=row, markersize=4, **looks[row])
-        best.fill_between(n, expected.low, expected.high, color=color, alpha=0.12, linewidth=0)
+        best.plot(n, expected.estimate, label=row, markersize=3.5, linewidth=1.2, **drawn[row])
+        best.fill_between(n, expected.low, expected.high, color=color, alpha=0.1, linewidth=0)
     spread.set_yticks(range(len(by_row)), list(by_row))
     spread.set_ylim(len(by_row) - 0.5, -0.5)
     spread.set_xlabel("score of a candidate in the first rung")
-    spread.set_title("circles: candidates; bar: quartiles and median", fontsize=10)
+    spread.set_title("circles: candidates; bar: quartiles and median", fontsize=style.TEXT)
     best.set_xlabel("n candidates drawn at random")
     best.set_ylabel("expected best score")
-    best.set_title("best of n, 95 % bootstrap band", fontsize=10)
+    best.set_title("best of n, 95 % bootstrap band", fontsize=style.TEXT)
     style.legend(figure, *best.get_legend_handles_labels())
     return figure
