@@ -199,6 +199,14 @@ def test_the_guide_imports_no_report_no_comparison_and_no_command(path):
     assert not foreign(path, *(f"usbench.{name}" for name in allowed), *GROUND)
 
 
+@pytest.mark.parametrize(
+    "path", sorted((ROOT / "usbench" / "datasets").glob("*.py")), ids=lambda path: path.stem
+)
+def test_data_sets_stand_on_trials(path):
+    allowed = ("datasets", "trials", "setting", "records", "envs")
+    assert not foreign(path, *(f"usbench.{name}" for name in allowed), *GROUND)
+
+
 def test_commands_on_records_load_no_torch_and_from_tables_no_simulator(finished, tmp_path):
     known = made(*seeds("vpg", [0.5, 0.6]))
     runs = str(finished.parent)

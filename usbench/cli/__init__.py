@@ -24,6 +24,7 @@ from usbench.cli import (
     watch,
 )
 from usbench.cli.arguments import REFUSED, Parser
+from usbench.cli.sharing import dataset
 
 DONE, FAILED, INTERRUPTED = 0, 1, 130
 # As `usbench --help` lists them.
@@ -38,6 +39,7 @@ COMMANDS = (
     plot,
     guide,
     report,
+    dataset,
     list,
     defaults,
     cache,
@@ -57,6 +59,7 @@ EXAMPLES = """examples:
   usbench watch runs/pp-p0-vpg-s0-f5fd15c6
   usbench plot runs --out figures --format svg
   usbench report
+  usbench dataset --task pp --agent best --episodes 1000
   usbench list
   usbench cache --clear
 """

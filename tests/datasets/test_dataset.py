@@ -1,0 +1,125 @@
+"""Data sets: read back by Minari they are what the environment showed, and they say who played."""
+
+import gymnasium as gym
+import minari
+import numpy as np
+import pytest
+
+from usbench import cli
+from usbench.checks import ConfigurationError
+from usbench.datasets import minari_files
+from usbench.setting import Setting
+
+
+@pytest.fixture
+def place(quick, tmp_path, monkeypatch):
+    monkeypatch.setenv(minari_files.PLACE, str(tmp_path / "datasets"))
+    return tmp_path / "datasets"
+
+
+def parts(observations):
+    """The arrays of observations (n_steps + 1, ...), by name."""
+    return observations if isinstance(observations, dict) else {"": observations}
+
+
+@pytest.mark.parametrize(
+    ("task", "agent", "noise"),
+    [("pp", "mixed", 0.25), ("exam-stop", "oracle", 0.0), ("pp-tracked", "random", 0.0)],
+)
+def test_an_episode_played_again_from_its_seed_and_actions_shows_the_same(place, task, agent, noise):
+    name, _ = minari_files.write(task, agent, 5, noise=noise, seed=3)
+    dataset = minari.load_dataset(name)
+    env = dataset.recover_environment()
+    assert env.spec.id == Setting(task=task).row.env_id and env.unwrapped.spec.kwargs["noise"] == noise
+    assert dataset.observation_space == env.observation_space
+    assert dataset.total_episodes == 5 and dataset.total_steps == sum(len(one) for one in dataset)
+    for episode in dataset:
+        (known,) = dataset.storage.get_episode_metadata([episode.id])
+        seen = [env.reset(seed=int(known["seed"]))]
+        for k, action in enumerate(episode.actions):
+            observation, reward, terminated, truncated, info = env.step(int(action))
+            seen.append((observation, info))
+            assert reward == episode.rewards[k]
+            ended = (bool(episode.terminations[k]), bool(episode.truncations[k]))
+            assert ended == (terminated, truncated or (k == len(episode) - 1 and not terminated))
+        assert terminated or truncated
+        for part, kept in parts(episode.observations).items():
+            shown = np.stack([parts(observation)[part] for observation, _ in seen])
+            assert kept.dtype == shown.dtype and np.array_equal(kept, shown)
+        for fact in ("x_mm", "distance_mm", "is_success"):
+            assert list(episode.infos[fact]) == [info[fact] for _, info in seen]
+
+
+def test_who_plays_in_turn_scores_as_is_known(place):
+    name, folder = minari_files.write("pp", "mixed", 30)
+    dataset, anchors = minari.load_dataset(name), Setting(task="pp").anchors()
+    returns = {number: [] for number in range(3)}
+    for episode in dataset:
+        (who,) = set(episode.infos["agent"])
+        assert who == episode.id % 3
+        returns[who].append(episode.rewards.sum())
+    oracle, _, rand = (np.mean(own) for own in returns.values())
+    assert anchors.score(oracle) > 0.8 and abs(anchors.score(rand)) < 0.2
+    assert minari.get_normalized_score(dataset, oracle) == pytest.approx(anchors.score(oracle))
+    text = (folder / minari_files.CARD).read_text()
+    for number, agent in enumerate(("oracle", "best", "random")):
+        mean = np.mean(returns[number])
+        assert f"| {number} | {agent} | 10 | {mean:.2f} | {anchors.score(mean):.3f} |" in text
+
+
+def test_the_same_arguments_give_the_same_episodes_and_another_seed_gives_others(place, tmp_path):
+    sets = []
+    for number, seed in enumerate((1, 1, 2)):
+        out = tmp_path / str(number)
+        name, folder = minari_files.write("pp", "random", 4, seed=seed, out=out)
+        assert folder == out / name
+        with pytest.MonkeyPatch.context() as monkeypatch:
+            monkeypatch.setenv(minari_files.PLACE, str(out))
+            sets.append([list(episode.actions) for episode in minari.load_dataset(name)])
+    assert sets[0] == sets[1] != sets[2]
+
+
+def test_a_trial_plays_as_it_does_elsewhere(place, finished):
+    name, _ = minari_files.write("pp", str(finished), 3)
+    assert name.startswith("usbench/pp/pp-p0-5-vpg-s0-") and minari.load_dataset(name).total_episodes == 3
+
+
+@pytest.mark.parametrize(
+    ("argv", "said"),
+    [
+        (
+            ["--task", "pp", "--agent", "best", "--episodes", "0"],
+            "episodes must be a whole number in [1, ",
+        ),
+        (["--task", "pq", "--agent", "best"], "did you mean"),
+        (["--task", "pp", "--agent", "nobody"], "'nobody'"),
+        (["--task", "pp", "--agent", "best:fp"], "was trained on 'fp'"),
+        (["--task", "exam-stop", "--agent", "best"], "no trained agent 'best:exam-stop'"),
+        (["--task", "pp", "--agent", "random", "--noise", "2"], "2"),
+    ],
+)
+def test_what_cannot_be_played_is_refused_in_one_sentence(place, capsys, argv, said):
+    assert cli.main(["dataset", "--quiet", *argv]) == 2
+    error = capsys.readouterr().err
+    assert said in error and error.count("\n") == 1
+
+
+def test_a_data_set_that_is_there_is_never_overwritten(place, capsys):
+    argv = ["dataset", "--task", "pp", "--agent", "random", "--episodes", "2"]
+    assert cli.main(argv) == 0
+    assert 'minari.load_dataset("usbench/pp/random-v0")' in capsys.readouterr().out
+    before = {path: path.read_bytes() for path in place.rglob("*") if path.is_file()}
+    assert cli.main(argv) == 2
+    assert "there is a data set 'usbench/pp/random-v0'" in capsys.readouterr().err
+    assert before == {path: path.read_bytes() for path in place.rglob("*") if path.is_file()}
+
+
+def test_without_minari_one_sentence_says_what_to_install(monkeypatch):
+    monkeypatch.setattr("usbench.datasets.minari_files.find_spec", lambda _: None)
+    with pytest.raises(ConfigurationError, match=r"pip install usbench\[minari\]"):
+        minari_files.check_installed()
+
+
+def test_the_environment_is_made_by_gymnasium_alone(place):
+    name, _ = minari_files.write("pp", "random", 1)
+    assert isinstance(minari.load_dataset(name).recover_environment(), gym.Env)

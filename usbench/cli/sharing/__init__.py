@@ -1,0 +1,1 @@
+"""Commands for what is given to others: data sets of episodes, and trials for the leaderboard."""

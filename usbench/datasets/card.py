@@ -1,0 +1,71 @@
+"""The card of a data set: what is in it, who acted, and what it is not good for."""
+
+from collections.abc import Sequence
+from importlib.metadata import version
+
+import numpy as np
+
+from usbench.anchors import Anchors
+from usbench.datasets.episodes import MIXED, PARTS, Played
+from usbench.setting import Setting
+
+
+def description(setting: Setting, who: Sequence[str]) -> str:
+    """Return what the data set is, in a sentence."""
+    return (
+        f"Simulated ultrasound probe guidance, {setting.guidance.title} ({setting.row.env_id}), noise "
+        f"{setting.noise:g}, played by {', '.join(who)}: B-mode frames, actions and true rewards; the pose "
+        "is in the infos. `import usbench` registers the environment."
+    )
+
+
+def text(
+    name: str, setting: Setting, anchors: Anchors, played: Sequence[Played], seed: int, size_bytes: int
+) -> str:
+    """Return the card as Markdown; `seed` is that from which the episodes' seeds were drawn."""
+    who = list(dict.fromkeys(episode.agent for episode in played))
+    agent = MIXED if tuple(who) == PARTS else who[0]
+    noise = f" --noise {setting.noise:g}" if setting.noise else ""
+    options = f"--task {setting.task} --agent {agent} --episodes {len(played)}{noise} --seed {seed}"
+    n_steps = sum(len(episode.actions) for episode in played)
+    distinct = len({(tuple(episode.actions), _start(episode)) for episode in played})
+    lines = [
+        f"# {name}",
+        description(setting, who),
+        f"```\nusbench dataset {options}\n```",
+        f"{len(played)} episodes, {distinct} of them distinct (start and actions), {n_steps} steps, "
+        f"{size_bytes / 1e6:.1f} MB; written by usbench {version('usbench')}.",
+        _table(anchors, played, who),
+        "The normalised score is (return - random) / (optimal - random) with exact expectations, which "
+        "`minari.get_normalized_score` computes, too. Agents that learned take greedy actions. `infos` hold "
+        "the true pose, the distance and the number of the agent in the table: an agent that learns from "
+        "them knows more than the frames.",
+        "Frames are uint8, bit for bit what the environment shows: one frame per observation, where the "
+        "agents saw a stack of them, normalised. Phantoms of evaluations are never in a data set. Frames "
+        "are simulated: nothing in them is of a patient.",
+    ]
+    return "\n\n".join(lines) + "\n"
+
+
+def _start(episode: Played) -> tuple[object, ...]:
+    return tuple(values[0] for values in episode.infos.values())
+
+
+def _table(anchors: Anchors, played: Sequence[Played], who: Sequence[str]) -> str:
+    rows = [("number", "agent", "episodes", "return", "score", "ends at the goal")]
+    for number, agent in enumerate(who):
+        own = [episode for episode in played if episode.agent == agent]
+        mean = float(np.mean([sum(episode.rewards) for episode in own]))
+        success = np.mean([bool(episode.infos["is_success"][-1]) for episode in own])
+        rows.append(
+            (
+                str(number),
+                agent,
+                str(len(own)),
+                f"{mean:.2f}",
+                f"{anchors.score(mean):.3f}",
+                f"{100 * success:.0f} %",
+            )
+        )
+    rows.insert(1, ("---",) * len(rows[0]))
+    return "\n".join(f"| {' | '.join(row)} |" for row in rows)

@@ -1,0 +1,140 @@
+"""Episodes that are played for a data set: what the environment showed, what was done, what came of it."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import numpy.typing as npt
+from stable_baselines3.common.vec_env import DummyVecEnv
+
+from usbench import released
+from usbench.checks import ConfigurationError
+from usbench.coordinates import BY_NAME
+from usbench.envs.observation import senses
+from usbench.envs.observation.wrappers import ImageStack, NormalizeImage
+from usbench.setting import Setting
+from usbench.trials.learning import make_agent
+from usbench.trials.model_loading import load_agent
+
+ORACLE, BEST, RANDOM, MIXED = "oracle", "best", "random", "mixed"
+# In a mixed data set, episode after episode.
+PARTS = (ORACLE, BEST, RANDOM)
+# Episodes that are played side by side: one batch of observations for the agent.
+AT_ONCE = 64
+# What `info` says beside the pose.
+FACTS = ("distance_mm", "is_success")
+
+
+@dataclass
+class Played:
+    """One episode as it was played.
+
+    Attributes:
+        agent: Who acted.
+        seed: With which the environment was reset.
+        observations: As the environment shows them, without stacking and normalisation: one more than
+            actions.
+        actions: Greedy actions of an agent that learned.
+        rewards: One for each action.
+        terminated: Whether its end was that of the task.
+        infos: The pose and `FACTS` by name, one more than actions: the truth, which no agent was told.
+    """
+
+    agent: str
+    seed: int
+    observations: list[Any] = field(default_factory=list)
+    actions: list[int] = field(default_factory=list)
+    rewards: list[float] = field(default_factory=list)
+    terminated: bool = False
+    infos: dict[str, list[Any]] = field(default_factory=dict)
+
+    def saw(self, observation: Any, info: dict[str, Any]) -> None:
+        """Keep what was seen, and what was true."""
+        self.observations.append(observation)
+        for name in (*(one for one in BY_NAME if one in info), *FACTS):
+            self.infos.setdefault(name, []).append(info[name])
+
+
+class _Watched(gym.Wrapper[Any, int, Any, int]):
+    """Below stacking and normalisation, keeps what an environment shows in the episode that is played."""
+
+    played: Played
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
+        observation, info = self.env.reset(seed=seed, options=options)
+        self.played.saw(observation, info)
+        return observation, info
+
+    def step(self, action: int) -> Any:
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        self.played.saw(observation, info)
+        self.played.actions.append(int(action))
+        self.played.rewards.append(float(reward))
+        self.played.terminated = bool(terminated)
+        return observation, reward, terminated, truncated, info
+
+
+def names(agent: str) -> tuple[str, ...]:
+    """Return who acts in the episodes of a data set, one after the other."""
+    return PARTS if agent == MIXED else (agent,)
+
+
+def open_agent(name: str, setting: Setting, seed: int) -> tuple[Any, int]:
+    """Return the agent `name` of the setting's task, and how many frames it sees.
+
+    Args:
+        name: "oracle", "best" or "random"; or a trial's folder, or the name of an agent of the package.
+        setting: Task and noise.
+        seed: Of the random agent.
+
+    Raises:
+        ConfigurationError: If there is no such agent, or it is of another task; one sentence says which.
+    """
+    if name in (ORACLE, RANDOM):
+        env = DummyVecEnv([setting.make_env])
+        return make_agent(setting, name, env, seed, {}), setting.n_frames
+    loaded = load_agent(f"{BEST}:{setting.task}" if name == BEST else released.place(name))
+    recorded = Setting.recorded(loaded.config)
+    if (recorded.task, recorded.probe, recorded.imaging) != (setting.task, setting.probe, setting.imaging):
+        raise ConfigurationError(
+            f"the agent {name!r} was trained on {recorded.task!r}, or with another probe or imaging: the "
+            f"data set is of {setting.task!r} as it is."
+        )
+    if recorded.senses != setting.senses:
+        raise ConfigurationError(
+            f"the agent {name!r} was trained with the senses {list(recorded.senses or ())}: the task has "
+            f"{list(setting.senses or ())}."
+        )
+    return loaded.agent, loaded.config.n_frames
+
+
+def play(agent: Any, name: str, n_frames: int, setting: Setting, seeds: Sequence[int]) -> Iterator[Played]:
+    """Yield an episode for each of `seeds`, played with greedy actions; the reward is the true one."""
+    envs = [_Watched(gym.make(setting.row.env_id, noise=setting.noise)) for _ in seeds[:AT_ONCE]]
+    shown = [NormalizeImage(ImageStack(env, n_frames)) for env in envs]
+    for start in range(0, len(seeds), AT_ONCE):
+        episodes = [Played(name, int(seed)) for seed in seeds[start : start + AT_ONCE]]
+        for env, episode in zip(envs, episodes, strict=False):
+            env.played = episode
+        _play(agent, shown[: len(episodes)], episodes)
+        yield from episodes
+    for one in shown:
+        one.close()
+
+
+def _play(agent: Any, envs: Sequence[gym.Env[Any, Any]], episodes: Sequence[Played]) -> None:
+    """Play one episode in each of `envs`, all in step."""
+    sees_state = getattr(agent, "sees_state", False)
+    starts = [env.reset(seed=episode.seed) for env, episode in zip(envs, episodes, strict=True)]
+    observations, infos = [list(column) for column in zip(*starts, strict=True)]
+    state, first, step = None, np.ones(len(envs), dtype=bool), 0
+    over: npt.NDArray[np.bool_] = np.zeros(len(envs), dtype=bool)
+    while not over.all():
+        seen = [{**info, "step": step} for info in infos] if sees_state else senses.batch(observations)
+        actions, state = agent.predict(seen, state=state, episode_start=first, deterministic=True)
+        for k in np.flatnonzero(~over):
+            observations[k], _, terminated, truncated, infos[k] = envs[k].step(int(actions[k]))
+            over[k] = terminated or truncated
+        first, step = np.zeros(len(envs), dtype=bool), step + 1

@@ -1,0 +1,229 @@
+"""Data sets in the format of Minari (Younis et al. 2024), with a card that says what is in them."""
+
+import contextlib
+import os
+import shutil
+import time
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from importlib.metadata import version
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import numpy.typing as npt
+
+from usbench import records
+from usbench.anchors import Anchors
+from usbench.atomic import atomic_file, atomic_path
+from usbench.checks import ConfigurationError, check_seed, whole_number
+from usbench.datasets import card, episodes
+from usbench.datasets.episodes import Played
+from usbench.setting import Setting
+
+# Where Minari looks for data sets; its own default is ~/.minari/datasets.
+PLACE = "MINARI_DATASETS_PATH"
+CARD = "card.md"
+# The file of the episodes, as Minari names it.
+DATA = "main_data.hdf5"
+MAX_EPISODES = 1_000_000
+
+
+def check_installed() -> None:
+    """Raise ConfigurationError if Minari is missing."""
+    if find_spec("minari") is None:
+        raise ConfigurationError("data sets are written by Minari: pip install usbench[minari].")
+
+
+def write(
+    task: str,
+    agent: str,
+    n_episodes: Any,
+    *,
+    noise: Any = 0.0,
+    seed: Any = 0,
+    out: Path | None = None,
+    tell: Callable[[str], None] = lambda _: None,
+) -> tuple[str, Path]:
+    """Play episodes and write them as a data set of Minari; the same arguments give the same episodes.
+
+    Args:
+        task: Name of the task.
+        agent: "oracle", "best", "random", "mixed" (the three in turn), the folder of a trial, or the name of
+            an agent of the package.
+        n_episodes: How many episodes.
+        noise: Probability of a slip after each action.
+        seed: From which the seeds of the episodes are drawn.
+        out: Folder of data sets; None for that of Minari.
+        tell: Told in words what is being done, and for how long.
+
+    Returns:
+        The name by which `minari.load_dataset` finds the data set, and its folder.
+
+    Raises:
+        ConfigurationError: If a value is not allowed, the data set is there already, or Minari is missing.
+    """
+    check_installed()
+    setting = Setting(task=task, noise=noise)
+    try:
+        n_episodes, seed = whole_number("episodes", n_episodes, 1, MAX_EPISODES), check_seed(seed)
+    except (TypeError, ValueError) as error:
+        raise ConfigurationError(str(error)) from error
+    with _place(out):
+        name = dataset_name(setting, agent)
+        folder = _new_folder(name)
+        played = _played(setting, agent, n_episodes, seed, tell)
+        tell("writing the data set")
+        anchors = setting.anchors()
+        _create(name, played, setting, anchors)
+    text = card.text(name, setting, anchors, played, seed, size_bytes(folder))
+    with atomic_file(folder / CARD) as file:
+        file.write(text.encode())
+    return name, folder
+
+
+def dataset_name(setting: Setting, agent: str) -> str:
+    """Return the name of a data set, "usbench/pp/best-v0"; noise stands in per cent behind the agent."""
+    own = "".join(letter if letter.isalnum() else "-" for letter in Path(agent).name)
+    noise = f"-noise{100 * setting.noise:g}".replace(".", "_") if setting.noise else ""
+    return f"usbench/{setting.task}/{own}{noise}-v0"
+
+
+@contextlib.contextmanager
+def _place(out: Path | None) -> Iterator[None]:
+    """Let Minari look for data sets in `out`."""
+    before = os.environ.get(PLACE)
+    if out is not None:
+        os.environ[PLACE] = str(out.resolve())
+    try:
+        yield
+    finally:
+        if out is not None and before is None:
+            del os.environ[PLACE]
+        elif before is not None:
+            os.environ[PLACE] = before
+
+
+def _new_folder(name: str) -> Path:
+    from minari.storage import get_dataset_path
+
+    folder = Path(get_dataset_path(name))
+    if (folder / "data").exists():
+        raise ConfigurationError(
+            f"there is a data set {name!r} in {str(folder)!r} already: remove it, or choose another folder."
+        )
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise records.unwritable(folder, error) from error
+    if folder.exists():  # what a broken off attempt has left
+        shutil.rmtree(folder)
+    return folder
+
+
+def _played(
+    setting: Setting, agent: str, n_episodes: int, seed: int, tell: Callable[[str], None]
+) -> list[Played]:
+    """Play all episodes, in the order of the data set."""
+    who = episodes.names(agent)
+    tell(f"{n_episodes} episodes of {setting.task}, played by {', '.join(who)}")
+    opened = [episodes.open_agent(name, setting, seed) for name in who]
+    if setting.row.every_frame and not setting.row.phantoms:
+        tell("simulating the frames that are not kept yet")
+        setting.prepare_frames()
+    seeds = np.random.SeedSequence(seed).generate_state(n_episodes).astype(int).tolist()
+    played: dict[int, Played] = {}
+    begun, told = time.monotonic(), 0.0
+    for part, (name, (acting, n_frames)) in enumerate(zip(who, opened, strict=True)):
+        numbers = range(part, n_episodes, len(who))
+        own = episodes.play(acting, name, n_frames, setting, [seeds[number] for number in numbers])
+        for number, episode in zip(numbers, own, strict=True):
+            played[number] = episode
+            since = time.monotonic() - begun
+            if since - told > 5:
+                told, left = since, since / len(played) * (n_episodes - len(played))
+                tell(f"episode {len(played)} of {n_episodes}, about {left:.0f} s to go")
+    return [played[number] for number in range(n_episodes)]
+
+
+def _create(name: str, played: Sequence[Played], setting: Setting, anchors: Anchors) -> None:
+    import minari
+
+    who = list(dict.fromkeys(episode.agent for episode in played))
+    env = gym.make(setting.row.env_id, noise=setting.noise)
+    with warnings.catch_warnings():
+        # Minari asks for an address and a link, which a data set that somebody makes at home has not.
+        warnings.filterwarnings("ignore", "`(code_permalink|author_email)` is set to None")
+        dataset = minari.create_dataset_from_buffers(
+            name,
+            [_buffer(number, episode, who.index(episode.agent)) for number, episode in enumerate(played)],
+            env=env,
+            eval_env=env,
+            algorithm_name=", ".join(who),
+            author="usbench contributors",
+            description=card.description(setting, who),
+            ref_min_score=anchors.random,
+            ref_max_score=anchors.optimal,
+            requirements=[f"usbench>={version('usbench')}"],
+            data_format="hdf5",
+            jpeg_encoding=False,  # a frame's bits are what an agent sees
+        )
+    env.close()
+    _compress(Path(str(dataset.storage.data_path)) / DATA)
+    dataset.storage.update_metadata({"dataset_size": dataset.storage.get_size()})
+
+
+def _compress(path: Path) -> None:
+    """Write a file of Minari again with its arrays compressed: it leaves room for episodes to grow."""
+    import h5py
+
+    with atomic_path(path) as temporary, h5py.File(path) as source, h5py.File(temporary, "w") as packed:
+
+        def copy(name: str, item: Any) -> None:
+            if isinstance(item, h5py.Dataset):
+                whole = {"compression": "gzip", "chunks": item.shape} if item.shape else {}
+                kept = packed.create_dataset(name, data=item[()], dtype=item.dtype, **whole)
+            else:
+                kept = packed.require_group(name)
+            kept.attrs.update(item.attrs)
+
+        packed.attrs.update(source.attrs)
+        source.visititems(copy)
+
+
+def _buffer(number: int, episode: Played, agent: int) -> Any:
+    """Return an episode as Minari takes it; `agent` is the number of who acted."""
+    from minari.data_collector import EpisodeBuffer
+
+    infos = {name: np.array(values) for name, values in episode.infos.items()}
+    return EpisodeBuffer(
+        id=number,
+        seed=episode.seed,
+        observations=_columns(episode.observations),
+        actions=np.array(episode.actions, dtype=np.int64),
+        rewards=np.array(episode.rewards),
+        terminations=_last(len(episode.actions), episode.terminated),
+        truncations=_last(len(episode.actions), not episode.terminated),
+        infos=infos | {"agent": np.full(len(episode.observations), agent)},
+    )
+
+
+def _columns(observations: Sequence[Any]) -> Any:
+    """Return observations (n_steps + 1, ...), by name where they are dictionaries."""
+    if isinstance(observations[0], dict):
+        return {name: np.stack([one[name] for one in observations]) for name in observations[0]}
+    return np.stack(observations)
+
+
+def _last(n_steps: int, at_the_end: bool) -> npt.NDArray[np.bool_]:
+    """Return flags (n_steps,), all false but the last, which is `at_the_end`."""
+    flags = np.zeros(n_steps, dtype=bool)
+    flags[-1] = at_the_end
+    return flags
+
+
+def size_bytes(folder: Path) -> int:
+    """Return how large the files in `folder` are together."""
+    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
