@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: help run test test-extras test-faults slow lint format typecheck bench-sim bench-vector bench-train compare leaderboard search ceilings figures failures scores release-agents docs clean
+.PHONY: help run test test-extras test-faults slow lint format typecheck bench-sim bench-vector bench-train compare leaderboard search coverage paper ceilings figures failures scores release-agents docs clean
 .DEFAULT_GOAL := help
 
 help:  ## show the jobs
@@ -64,8 +64,9 @@ docs: $(VENV)/.docs  ## build the site into build/docs, the notebook run anew; a
 compare: $(STAMP)  ## run what is missing of the paper's grid for every algorithm (many hours), write leaderboard.md
 	$(BIN)/usbench compare
 
-leaderboard: $(STAMP)  ## write leaderboard.md and its figures again, from leaderboard_files/ and search/ alone
+leaderboard: $(STAMP)  ## write leaderboard.md, its figures and docs/paper.md again, from leaderboard_files/ and search/ alone
 	$(BIN)/usbench leaderboard --search search
+	$(BIN)/python benchmarks/paper.py
 
 search: $(STAMP)  ## choose hyperparameters by the protocol (many hours): of all rows, or of one by make search ALGO=ppo
 	$(BIN)/usbench search $(if $(ALGO),--algo $(ALGO))
@@ -78,6 +79,12 @@ bench-vector: $(STAMP)  ## steps per second of every task, with 1 and 16 environ
 
 bench-train: $(STAMP)  ## time and memory that training takes, beside plain scripts, as a table
 	$(BIN)/python benchmarks/training.py
+
+coverage: $(STAMP)  ## how often the leaderboard's intervals hold the truth, by simulation (some 15 minutes)
+	$(BIN)/python benchmarks/intervals.py
+
+paper: $(STAMP)  ## write docs/paper.md, the paper's results beside ours, from leaderboard_files/ alone
+	$(BIN)/python benchmarks/paper.py
 
 ceilings: $(STAMP)  ## the largest scores that an agent's knowledge allows (some minutes)
 	$(BIN)/python benchmarks/ceilings.py

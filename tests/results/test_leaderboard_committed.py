@@ -1,5 +1,7 @@
 """The leaderboard at the top of the repository is what its committed tables give, to the byte."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pandas as pd
@@ -24,6 +26,13 @@ def again(tmp_path_factory):
 def test_committed_leaderboard_comes_from_the_committed_tables(again, name):
     # `usbench compare` writes them, `usbench leaderboard` writes them again.
     assert (TOP / name).read_bytes() == (again / name).read_bytes()
+
+
+def test_page_on_the_paper_comes_from_the_committed_tables(tmp_path):
+    # `make paper` writes it, and `make leaderboard` does.
+    command = [sys.executable, TOP / "benchmarks" / "paper.py", "--out", tmp_path / "paper.md"]
+    subprocess.run(command, check=True, capture_output=True)
+    assert (TOP / "docs" / "paper.md").read_bytes() == (tmp_path / "paper.md").read_bytes()
 
 
 def test_trials_of_the_committed_leaderboard_have_the_names_that_they_always_had():

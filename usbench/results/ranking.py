@@ -14,7 +14,7 @@ from usbench.results.scores import BOOTSTRAP_SEED, score_of
 
 # With a level corrected for 28 pairs, an interval's ends are the 0.09 % at each side: 45 of these resamples.
 N_RESAMPLES = 50_000
-# Fewer seeds make no ranking: intervals of so few are much too narrow (benchmarks/coverage.py).
+# Fewer seeds make no ranking: intervals of so few are much too narrow (benchmarks/intervals.py).
 MIN_SEEDS = 5
 # Of an agent's seeds that are left when two are left out.
 MIN_LEFT = 2

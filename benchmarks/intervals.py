@@ -1,0 +1,150 @@
+"""How often the leaderboard's intervals hold the truth, by simulation: `make coverage` (some 15 minutes).
+
+Scores of trials are drawn from distributions that are known, so that the interquartile mean of infinitely
+many seeds is known too. Of many such comparisons the share is counted whose 95 % interval holds it; and, of
+comparisons of agents that are all the same, the share in which any of them is said to lie above another.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from usbench.results import ranking, scores, stats, tables
+
+Array = npt.NDArray[np.float64]
+Draw = Callable[[int, np.random.Generator], Array]
+
+COMMITTED = Path(__file__).parents[1] / "leaderboard_files"
+N_CELLS = 6
+SEEDS = (3, 5, 10)
+# Means of six cells, from easy to hard.
+MEANS = np.array([0.99, 0.96, 0.93, 0.90, 0.86, 0.80])
+# Of a row of the committed table, each score is spread by this share of its cell's standard deviation.
+SPREAD = 0.5
+N_AGENTS = 8
+# Fewer than for the leaderboard: the ends of an interval are to be right on average only.
+N_RESAMPLES = 10_000
+TRUTH = 200_000
+
+
+def normal(n_seeds: int, generator: np.random.Generator) -> Array:
+    """Return scores `(n_seeds, n_cells)` that are normal in every cell, independent."""
+    return generator.normal(MEANS, 0.03, size=(n_seeds, N_CELLS))
+
+
+def ceiling(n_seeds: int, generator: np.random.Generator) -> Array:
+    """Return scores that miss 1 by an exponential amount, small in easy cells and large in hard ones."""
+    return 1 - generator.exponential(1 - MEANS, size=(n_seeds, N_CELLS))
+
+
+def collapsing(n_seeds: int, generator: np.random.Generator) -> Array:
+    """Return normal scores, of which one in ten has collapsed to about 0.3."""
+    fine = normal(n_seeds, generator)
+    return np.where(generator.random(fine.shape) < 0.1, generator.normal(0.3, 0.1, fine.shape), fine)
+
+
+def good_and_bad_seeds(n_seeds: int, generator: np.random.Generator) -> Array:
+    """Return normal scores, half of whose variance is common to all cells of a seed."""
+    common = generator.normal(size=(n_seeds, 1))
+    return MEANS + 0.03 * np.sqrt(0.5) * (common + generator.normal(size=(n_seeds, N_CELLS)))
+
+
+def committed() -> dict[str, Draw]:
+    """Return a distribution for each row of the committed table of the paper's tasks."""
+    known = next(iter(scores.parts(tables.read(COMMITTED)).values()))
+    return {f"as `{row}`": _like(matrix) for row, matrix in scores.learners(known).items() if len(matrix) > 1}
+
+
+def _like(matrix: Array) -> Draw:
+    """Return a distribution like a row: one of its scores in the cell, and a normal error; at most 1."""
+    error = SPREAD * matrix.std(axis=0, ddof=1)
+
+    def draw(n_seeds: int, generator: np.random.Generator) -> Array:
+        shape = (n_seeds, matrix.shape[1])
+        chosen = np.take_along_axis(matrix, generator.integers(len(matrix), size=shape), axis=0)
+        return np.minimum(chosen + generator.normal(size=shape) * error, 1.0)
+
+    return draw
+
+
+DISTRIBUTIONS: dict[str, Draw] = {
+    "normal": normal,
+    "near the ceiling": ceiling,
+    "one in ten collapsed": collapsing,
+    "good and bad seeds": good_and_bad_seeds,
+}
+
+
+def coverage(draw: Draw, n_seeds: int, n_simulations: int, whole_seeds: bool) -> float:
+    """Return the share of simulations whose interval holds the IQM of infinitely many seeds."""
+    generator = np.random.default_rng(n_seeds)
+    truth = float(stats.iqm(draw(TRUTH, generator)))
+    held = 0
+    for _ in range(n_simulations):
+        interval = stats.stratified_bootstrap(
+            stats.iqm, draw(n_seeds, generator), generator=generator, whole_seeds=whole_seeds
+        )
+        held += bool(interval.low <= truth <= interval.high)
+    return held / n_simulations
+
+
+def false_alarms(draw: Draw, n_seeds: int, n_simulations: int) -> float:
+    """Return the share of comparisons of equal agents in which one is said to lie above another."""
+    generator = np.random.default_rng(n_seeds)
+    level = ranking.corrected_level(N_AGENTS)
+    counts = [stats.draw_counts(n_seeds, N_CELLS, N_RESAMPLES, generator) for _ in range(2)]
+    alarms = 0
+    for _ in range(n_simulations):
+        agents = [draw(n_seeds, generator) for _ in range(N_AGENTS)]
+        alarms += any(
+            _apart(agents[one], agents[other], counts, level)
+            for one in range(N_AGENTS)
+            for other in range(one)
+        )
+    return alarms / n_simulations
+
+
+def _apart(x: Array, y: Array, counts: list[Array], level: float) -> bool:
+    resampled = stats.resampled_improvement(x, y, *counts)
+    interval = stats.percentiles(stats.probability_of_improvement(x, y), resampled, level)
+    return bool(interval.low > 0.5 or interval.high < 0.5)
+
+
+def main() -> None:
+    """Print both tables."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--simulations", type=int, default=600, help="simulations of each kind (default 600)")
+    parser.add_argument("--families", type=int, default=200, help="comparisons of equal agents (default 200)")
+    args = parser.parse_args()
+    console = Console()
+    every = DISTRIBUTIONS | committed()
+
+    cover = Table(title=f"share of 95 % intervals of the IQM over {N_CELLS} cells that hold the truth")
+    cover.add_column("scores")
+    for n in SEEDS:
+        cover.add_column(f"{n} seeds", justify="right")
+        cover.add_column("whole", justify="right")
+    for name, draw in track(every.items(), description="coverage", console=Console(stderr=True)):
+        shares = [coverage(draw, n, args.simulations, whole) for n in SEEDS for whole in (False, True)]
+        cover.add_row(name, *(f"{100 * share:.1f} %" for share in shares))
+    console.print(cover)
+
+    alarms = Table(title=f"share of comparisons of {N_AGENTS} equal agents in which one lies above another")
+    alarms.add_column("scores")
+    for n in SEEDS:
+        alarms.add_column(f"{n} seeds", justify="right")
+    for name, draw in track(DISTRIBUTIONS.items(), description="equal agents", console=Console(stderr=True)):
+        alarms.add_row(name, *(f"{100 * false_alarms(draw, n, args.families):.1f} %" for n in SEEDS))
+    console.print(alarms)
+
+
+if __name__ == "__main__":
+    main()

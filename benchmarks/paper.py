@@ -1,0 +1,264 @@
+"""The paper's results sentence by sentence beside ours: `make paper` writes docs/paper.md and its figures.
+
+All numbers are from the committed tables and from the agents `vpg:fp` and `vpg:pp` that come with the
+package, and whether a sentence holds follows from them by the rule that stands beside it.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+from pathlib import Path
+
+import pandas as pd
+
+from usbench import records, released
+from usbench.figures import episode_ends, paper, style
+from usbench.results import held_out, scores, tables, verdict
+from usbench.results.agents import named
+from usbench.results.scores import Cell
+from usbench.results.tables import GREEDY, TRAINING, TRAINING_PARTS, Results
+from usbench.results.text import interval, table
+
+TOP = Path(__file__).parents[1]
+COMMITTED, PAGE = TOP / "leaderboard_files", TOP / "docs" / "paper.md"
+AGENT = verdict.PAPERS_OWN
+# A tenth of training, in its parts.
+TENTH = TRAINING_PARTS // 10
+HOLDS, FAILS, PARTLY = "holds", "does not hold", "holds in part"
+
+
+ABOUT = """\
+This page is written by `make paper` from the tables of the [leaderboard](../leaderboard.md) and from two
+agents that come with the package; it is not edited by hand. Each sentence of the paper's results, and of
+what its abstract says of them, stands beside what `{agent}` does here: the paper's algorithm with its
+Table II, {n_seeds} seeds in each cell ({seeds}; the paper has 4), {steps} training steps. Whether a
+sentence holds follows from the numbers, by the rule that stands with it. The agent here sees 4 frames at a
+time, that of the paper saw 1, and the simulator is another one: shapes and signs can be compared, heights
+cannot."""
+OTHERS = "It would certainly be worth to evaluate the performance of other reinforcement learning methods"
+FIGURES = """\
+The figures are Figures 4 and 5 of the paper, with its axes: means over seeds, bars of one standard
+deviation, and policy updates of 64 steps on the upper axis. The third panel of Figure 5 is not in the
+paper. The paper's own pictures are not in this repository.
+
+![Figure 4: return of training episodes on both tasks](paper_figure4.png)
+
+![Figure 5: final distance and sine of the final angle](paper_figure5.png)"""
+
+
+@dataclass(frozen=True)
+class Sentence:
+    """A sentence of the paper, whether it holds here, by which rule, and the numbers."""
+
+    words: str
+    rule: str
+    holds: str
+    numbers: str
+
+    def markdown(self) -> str:
+        """Return its section."""
+        rule = f"{self.rule[0].lower()}{self.rule[1:]}"
+        return f"## “{self.words}”\n\n**{self.holds.capitalize()}.** The rule: {rule}\n\n{self.numbers}"
+
+
+def change(known: Results, column: str) -> pd.DataFrame:
+    """Return the means of training episodes in the `first` and the `last` tenth, a row per trial."""
+    rows = known.curves[known.curves["kind"] == TRAINING].sort_values("step")
+    ends = rows.groupby("trial")[column]
+    found = pd.DataFrame(
+        {
+            "first": ends.apply(lambda own: own.head(TENTH).mean()),
+            "last": ends.apply(lambda own: own.tail(TENTH).mean()),
+        }
+    )
+    return known.trials.merge(found, on="trial")
+
+
+def verdict_of(n_true: int, n_all: int) -> str:
+    """Return whether a sentence holds that is true of so many trials."""
+    return HOLDS if n_true == n_all else FAILS if n_true == 0 else PARTLY
+
+
+def trend(known: Results, column: str, up: bool, words: str, rule: str, tasks: tuple[str, ...]) -> Sentence:
+    """Return a sentence on what rises or falls in training, by task and noise."""
+    each = change(known, column)
+    each = each[each["task"].isin(tasks)]
+    true = (each["last"] > each["first"]) == up
+    rows = [
+        [
+            Cell(*cell).name,
+            f"{own['first'].mean():.2f}",
+            f"{own['last'].mean():.2f}",
+            f"{int(true[own.index].sum())} of {len(own)}",
+        ]
+        for cell, own in each.groupby(scores.CELL)
+    ]
+    head = ["cell", "first tenth", "last tenth", "trials of which it is true"]
+    return Sentence(words, rule, verdict_of(int(true.sum()), len(each)), table(head, rows))
+
+
+def noise(known: Results) -> Sentence:
+    """Return the sentence on what noise does to a learning curve."""
+    each = change(known, "return")
+    rise = (each["last"] - each["first"]).groupby([each["task"], each["noise"]]).mean().unstack()
+    share = rise.div(rise[0.0], axis=0)
+    strongest = share[share.columns.max()]
+    flatter, more = bool((strongest < 1).all()), bool(strongest["pp"] < strongest["fp"])
+    holds = HOLDS if flatter and more else PARTLY if flatter or more else FAILS
+    rows = [
+        [f"`{task}`", *(f"{rise.loc[task, p]:.2f} ({100 * share.loc[task, p]:.0f} %)" for p in rise.columns)]
+        for task in rise.index
+    ]
+    return Sentence(
+        "Increasing the likelihood of noise impacts the trend of a learning curve, especially for the PP "
+        "task",
+        "The rise of the return of training episodes, from the first to the last tenth, is smaller with most "
+        "noise than without on both tasks, and loses more on `pp`.",
+        holds,
+        table(["task", *(f"rise at noise {p:g}" for p in rise.columns)], rows),
+    )
+
+
+def endings() -> tuple[Sentence, Sentence]:
+    """Return the two sentences on single episodes, from the agents that come with the package."""
+    folders = [released.folder_of(f"{AGENT}:{task}") for task in ("fp", "pp")]
+    read = [records.Trial.read(folder) for folder in folders]
+    rows = [
+        trial.evaluations().assign(
+            trial=trial.name,
+            task=trial.config.task,
+            noise=trial.config.noise,
+            algo=trial.config.algo,
+            seed=trial.config.seed,
+        )
+        for trial in read
+    ]
+    ends = episode_ends.shares(pd.concat(rows, ignore_index=True)).set_index("task")
+    deep, shallow = ends.loc["fp", ["too_deep", "too_shallow"]]
+    turned, out = ends.loc["pp", ["long_way", "out_of_plane"]]
+    about = (
+        "One trial without noise, the agent `{}` that comes with the package, greedy actions; [another "
+        "page](failures.md) has all trials."
+    )
+    return (
+        Sentence(
+            "In the FP task, the agent sometimes misses the target depth when moving the focal point from "
+            "the top to the bottom",
+            "Some episodes end with the focus below the target, all of them having begun above it.",
+            HOLDS if deep > 0 else FAILS,
+            f"{100 * deep:.0f} % of the evaluation episodes end too deep, {100 * shallow:.0f} % too shallow. "
+            + about.format(f"{AGENT}:fp"),
+        ),
+        Sentence(
+            "In the PP task, the agent sometimes rotates the probe in a non-optimal direction (but still "
+            "achieves the appropriate plane, due to the symmetry of the object)",
+            "Some episodes end in the object's plane after a rotation by more than a right angle.",
+            HOLDS if turned > 0 else FAILS,
+            f"{100 * turned:.0f} % of the evaluation episodes turn the long way; {100 * (1 - out):.0f} % end "
+            "in plane, at 0 or at 180 degrees. " + about.format(f"{AGENT}:pp"),
+        ),
+    )
+
+
+def learned(known: Results) -> Sentence:
+    """Return the sentence on what the agent can do after the training."""
+    rows, better = [], []
+    for cell, own in known.trials.groupby(scores.CELL):
+        curves = known.curves[known.curves["trial"].isin(own["trial"]) & (known.curves["kind"] == GREEDY)]
+        groups = curves.sort_values("step").groupby("trial")
+        before, after = groups.head(1), groups.tail(1)
+        score = scores.score_of(after[["normalized_score"]].to_numpy(float))
+        better.append(after["success_rate"].mean() > before["success_rate"].mean())
+        rows.append(
+            [
+                Cell(*cell).name,
+                interval(score["score"], score["score_low"], score["score_high"], 2),
+                f"{100 * before['success_rate'].mean():.0f}",
+                f"{100 * after['success_rate'].mean():.0f}",
+            ]
+        )
+    head = ["cell", "score after", "success before (%)", "success after (%)"]
+    return Sentence(
+        "After the training, the agent's ability to accurately locate the position of the focal depth and "
+        "scanning plane improved",
+        "More evaluation episodes end at the goal after training than before it, with greedy actions, in "
+        "every cell.",
+        verdict_of(sum(better), len(better)),
+        table(head, rows),
+    )
+
+
+def page(known: Results, tested: pd.DataFrame) -> str:
+    """Return docs/paper.md."""
+    own = next(iter(scores.parts(known).values()))
+    agents = named(own.trials)
+    ours = own.of(own.trials[agents["agent"] == AGENT])
+    both = ("fp", "pp")
+    tenths = (
+        "In every trial, the mean over training episodes of the last tenth of training is {} than that of "
+        "the first."
+    )
+    sentences = [
+        trend(
+            ours,
+            "return",
+            True,
+            "For both tasks, the return increased with the number of policy update iterations",
+            tenths.format("larger"),
+            both,
+        ),
+        trend(
+            ours,
+            "final_distance_mm",
+            False,
+            "The average distances … for the PP task … decreased with time",
+            tenths.format("smaller") + " Final distance in mm, Figure 5 (a).",
+            ("pp",),
+        ),
+        trend(
+            ours,
+            "abs_sin_angle",
+            False,
+            "… and scanning plane … decreased with time",
+            tenths.format("smaller") + " Sine of the final angle between the planes, Figure 5 (b).",
+            ("pp",),
+        ),
+        noise(ours),
+        *endings(),
+        learned(ours),
+    ]
+    parts = [
+        "# The paper's results beside ours",
+        ABOUT.format(
+            agent=AGENT,
+            n_seeds=ours.trials["seed"].nunique(),
+            steps=int(ours.trials["steps"].max()),
+            seeds=f"{ours.trials['seed'].min()} to {ours.trials['seed'].max()}",
+        ),
+        table(["sentence", "here"], [[f"“{sentence.words}”", sentence.holds] for sentence in sentences]),
+        FIGURES,
+        *(sentence.markdown() for sentence in sentences),
+        f"## “{OTHERS}”",
+        verdict.text(known, tested),
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def main() -> None:
+    """Write the page and its two figures, and name them."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, default=PAGE, help="page to write (default docs/paper.md)")
+    args = parser.parse_args()
+    known = tables.read(COMMITTED)
+    args.out.write_text(page(known, held_out.read(COMMITTED)), encoding="utf-8")
+    print(args.out)
+    own = next(iter(scores.parts(known).values()))
+    ours = own.of(own.trials[named(own.trials)["agent"] == AGENT])
+    for name, figure in (("paper_figure4", paper.figure4(ours)), ("paper_figure5", paper.figure5(ours))):
+        if figure is not None:
+            print(style.save(figure, args.out.with_name(f"{name}.png")))
+
+
+if __name__ == "__main__":
+    main()
