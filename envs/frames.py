@@ -166,7 +166,24 @@ def _frames(scenes: Sequence[tuple[Tissue, Pose]], array: LinearArray, imaging: 
     return [next(simulated) if frame is None else frame for frame in recorded]
 
 
-@lru_cache(maxsize=8)
 def frame_store(phantom: Tissue, array: LinearArray, imaging: Imaging) -> FrameStore:
     """Return the store of this scene that the whole process shares."""
-    return FrameStore(phantom, array, imaging)
+    return _stores(phantom, array, imaging)
+
+
+def keep_stores(n_stores: int) -> None:
+    """Let this process keep the stores of `n_stores` scenes, with all frames that were looked at.
+
+    Eight are kept anyway. An agent that meets the same phantoms again needs none of their frames twice.
+    """
+    global _stores
+    if n_stores > _stores.cache_parameters()["maxsize"]:
+        _stores = lru_cache(maxsize=n_stores)(FrameStore)
+
+
+def forget_stores() -> None:
+    """Let go of all stores that are kept."""
+    _stores.cache_clear()
+
+
+_stores = lru_cache(maxsize=8)(FrameStore)

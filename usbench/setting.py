@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.envs.registration import load_env_creator
 from gymnasium.vector import AutoresetMode
 
 from usbench import anatomy_record, suite
@@ -46,6 +47,7 @@ LATER = {
     "tgc_db_per_cm": 0.0,
     "receive_focus": None,
     "receive_f_number": None,
+    "count": None,
 }
 
 
@@ -63,6 +65,7 @@ class Setting:
         imaging: How RF becomes a frame; None for the task's own, which the attribute then is.
         senses: What the agent is told beside the frames, any of those that the task has; None, the default,
             becomes the task's own.
+        n_phantoms: How many phantoms there are in training, where the task draws them; None for no limit.
 
     Raises:
         ConfigurationError: If a value is not allowed; one sentence says which.
@@ -76,6 +79,7 @@ class Setting:
     probe: LinearArray = DEFAULT_ARRAY
     imaging: Imaging = None  # type: ignore[assignment]
     senses: tuple[str, ...] | None = None
+    n_phantoms: int | None = None
 
     def __post_init__(self) -> None:
         """Hold the values in their own types, or refuse them."""
@@ -87,6 +91,11 @@ class Setting:
             check_reward(self.reward, self.guidance, TRAINED_ON)
             if self.anatomy is not None:
                 self._check_anatomy(self.anatomy)
+            if self.n_phantoms is not None and not self.row.phantoms:
+                drawing = ", ".join(repr(name) for name, row in suite.TASKS.items() if row.phantoms)
+                raise ValueError(
+                    f"n_phantoms is for tasks that draw phantoms ({drawing}), not for {self.task!r}."
+                )
             plain = self.plain_env()
             object.__setattr__(self, "imaging", plain.imaging)
             object.__setattr__(self, "senses", plain.senses.names)
@@ -113,6 +122,7 @@ class Setting:
                 probe=_recorded(LinearArray, environment, "probe"),
                 imaging=_recorded(Imaging, environment, "imaging"),
                 senses=tuple(environment.get("senses", ())),
+                n_phantoms=environment.get("phantoms", {}).get("count"),
             )
         except ConfigurationError:
             raise
@@ -193,6 +203,9 @@ class Setting:
         """Return what the environment's class is called with."""
         own: dict[str, Any] = {} if self.anatomy is None else {"phantom": self.anatomy}
         alike = {name: getattr(self, name) for name in ("noise", "reward", "probe", "imaging", "senses")}
+        if self.n_phantoms is not None:
+            environment: Any = load_env_creator(self.row.entry_point)
+            own["phantoms"] = replace(environment.distribution, count=self.n_phantoms)
         return alike | own
 
     def anchors(self, report: Report | None = None) -> Anchors:

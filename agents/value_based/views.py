@@ -43,7 +43,8 @@ class Views(nn.Module):
         last = observations[SENSES][:, -self.sources.shape[1] :]
         # Views differ in the signs of coordinates: where all are positive, their sum is largest.
         seen = last[:, self.sources] * self.signs * self.coordinates
-        return seen.sum(-1).argmax(1)
+        numbers: torch.Tensor = seen.sum(-1).argmax(1)
+        return numbers
 
     def observations(self, observations: Any, numbers: torch.Tensor) -> Any:
         """Observations with image stacks `(n, height, width, channels)`, as they are in those views."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from usbench.checks import whole_number
 from usbench.envs.field.response_table import keep_tables
+from usbench.envs.frames import keep_stores
 from usbench.envs.guidance import GuidanceEnv
 from usbench.envs.phantom import ObjectOfInterest, Phantom
 from usbench.envs.pose import Pose
@@ -18,6 +19,8 @@ from usbench.envs.tasks.probe_plane import PROBE_PLANE
 # Phantoms with seeds from here on are for evaluation; training draws its own below, so the two never meet.
 FIRST_HELD_OUT = 2**31
 LAST = 2**32 - 1
+# Phantoms of a fixed set whose frames stay in memory: 0.8 MB each, once all poses are known.
+KEPT = 4096
 
 
 def phantom_number(value: Any) -> int:
@@ -35,6 +38,12 @@ class PhantomDistribution:
         angle_deg: Rotations of the object's plane.
         scale: Least and largest size relative to the paper's object.
         contrast: Least and largest standard deviation of the object's amplitudes relative to the tissue's.
+        count: How many phantoms there are in training, those with the numbers 0 to count - 1; None for all
+            below 2**31. Those of the evaluation are never among them.
+
+    Raises:
+        TypeError: If `count` is not a number.
+        ValueError: If `count` is less than 1, or larger than the numbers there are.
     """
 
     x_mm: tuple[int, ...]
@@ -42,6 +51,17 @@ class PhantomDistribution:
     angle_deg: tuple[int, ...]
     scale: tuple[float, float] = (0.7, 1.1)
     contrast: tuple[float, float] = (5.0, 20.0)
+    count: int | None = None
+
+    def __post_init__(self) -> None:
+        """Hold the count as a whole number, or refuse it."""
+        if self.count is not None:
+            object.__setattr__(self, "count", whole_number("n_phantoms", self.count, 1, FIRST_HELD_OUT))
+
+    def training_number(self, rng: np.random.Generator) -> int:
+        """Return the number of a training phantom; one number is drawn, however many phantoms there are."""
+        number = int(rng.integers(FIRST_HELD_OUT))
+        return number if self.count is None else number % self.count
 
     def phantom(self, seed: int) -> Phantom:
         """Return the phantom of `seed`, from which all of it follows: object, place and speckle."""
@@ -79,6 +99,8 @@ class RandomPhantomEnv(GuidanceEnv):
         super().__init__(**kwargs)
         self.phantoms = phantoms or self.distribution
         keep_tables(len({pose.focal_depth_mm for pose in self.task.states}))
+        if self.phantoms.count is not None:
+            keep_stores(min(self.phantoms.count, KEPT))
 
     def start(self, seed: int | None = None, options: dict[str, Any] | None = None) -> None:
         """Draw a phantom and put the probe on a start pose.
@@ -94,7 +116,7 @@ class RandomPhantomEnv(GuidanceEnv):
         """
         super(GuidanceEnv, self).reset(seed=seed)
         # Drawn even where options replace it, so that they do not shift the stream.
-        number = int(self.np_random.integers(FIRST_HELD_OUT))
+        number = self.phantoms.training_number(self.np_random)
         if isinstance(options, dict) and "phantom" in options:
             options = dict(options)
             number = phantom_number(options.pop("phantom"))

@@ -50,9 +50,9 @@ def scans(monkeypatch, tmp_path):
     for module in ("frames", "scanner"):  # one by one, and in batches
         monkeypatch.setattr(f"usbench.envs.{module}.scan", scan)
     # The stores that the whole process shares must neither have frames of the simulator, nor keep these.
-    frames.frame_store.cache_clear()
+    frames.forget_stores()
     yield calls
-    frames.frame_store.cache_clear()
+    frames.forget_stores()
 
 
 @pytest.fixture

@@ -47,7 +47,7 @@ def _true_frames(monkeypatch, folder):
     monkeypatch.setenv("USBENCH_CACHE", str(folder / "cache"))
     for module in ("envs.guidance", "setting", "trials.tensorboard", "guide.examination"):
         monkeypatch.setattr(f"usbench.{module}.frame_store", frames.frame_store)
-    frames.frame_store.cache_clear()
+    frames.forget_stores()
 
 
 @pytest.fixture
@@ -56,7 +56,7 @@ def made(_made, tmp_path, monkeypatch):
     shutil.copytree(_made, tmp_path, dirs_exist_ok=True)
     _true_frames(monkeypatch, tmp_path)
     yield tmp_path
-    frames.frame_store.cache_clear()
+    frames.forget_stores()
 
 
 @pytest.fixture
@@ -144,7 +144,7 @@ def test_watching_finds_the_volume_again_or_says_what_is_missing(trial, _made, c
     tissue._volume.cache_clear()
     assert cli.main(["watch", str(trial), "--episode", "0"]) == 0
     shutil.rmtree(made / "cache")
-    frames.frame_store.cache_clear()
+    frames.forget_stores()
     capsys.readouterr()
     assert cli.main(["watch", str(trial), "--episode", "0"]) == 1
     assert f"there is no volume '{gone.path}'" in capsys.readouterr().err

@@ -46,6 +46,12 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         help="environments that learn in step (default: the algorithm's own, most have 1)",
     )
     run.add_argument(
+        "--n-phantoms",
+        type=number,
+        metavar="N",
+        help="phantoms that there are in training, in a task that draws them (default: no limit)",
+    )
+    run.add_argument(
         "--senses",
         nargs="*",
         metavar="SENSE",
@@ -94,6 +100,7 @@ def _call(args: argparse.Namespace) -> None:
         n_frames=args.n_frames,
         n_envs=args.n_envs,
         senses=args.senses,
+        n_phantoms=args.n_phantoms,
         reward=args.reward,
         **examined,
         preset=args.preset,

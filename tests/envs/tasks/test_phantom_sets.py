@@ -1,0 +1,79 @@
+"""Fixed sets of training phantoms: how many there are, that evaluation has others, and frames made once."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import usbench  # noqa: F401, registers the environments
+from usbench.checks import ConfigurationError
+from usbench.envs import frames
+from usbench.envs.tasks.random_phantoms import FIRST_HELD_OUT, PhantomDistribution
+from usbench.setting import Setting
+from usbench.trials.configuration import resolve
+
+
+def numbers(env, n=60):
+    env.unwrapped.is_watched = False
+    return [env.reset(seed=0 if k == 0 else None)[1]["phantom"] for k in range(n)]
+
+
+def test_training_draws_from_the_set_alone_and_its_streams_stay():
+    few = Setting(task="pp-random", n_phantoms=3).make_env()
+    every = Setting(task="pp-random").make_env()
+    assert set(numbers(few)) == {0, 1, 2}
+    # One number is drawn, whatever it becomes: starts are the same.
+    assert [number % 3 for number in numbers(every)] == numbers(few)
+    assert few.unwrapped.pose == every.unwrapped.pose
+
+
+def test_evaluation_keeps_its_phantoms():
+    setting = Setting(task="pp-random", n_phantoms=3)
+    assert [phantom.seed for phantom in setting.evaluation_phantoms()] == [
+        phantom.seed for phantom in Setting(task="pp-random").evaluation_phantoms()
+    ]
+    assert all(episode.phantom >= FIRST_HELD_OUT for episode in setting.evaluation_episodes())
+
+
+def test_a_trial_records_its_set_and_has_a_name_of_its_own():
+    every, few = resolve("dqn", "pp-random"), resolve("dqn", "pp-random", n_phantoms=20)
+    assert every.hash != few.hash
+    assert "count" not in every.environment["phantoms"]
+    assert few.environment["phantoms"]["count"] == 20
+    assert Setting.recorded(few).n_phantoms == 20
+    assert Setting.recorded(every).n_phantoms is None
+
+
+def test_frames_of_a_set_are_simulated_once(monkeypatch):
+    made = []
+
+    def scan(phantom, pose, *_):
+        made.append((phantom.seed, pose))
+        return np.zeros((90, 40), np.uint8)
+
+    monkeypatch.setattr(frames, "scan", scan)
+    frames.forget_stores()
+    env = Setting(task="pp-random", n_phantoms=12).make_env()
+    for k in range(300):
+        env.reset(seed=k)
+    frames.forget_stores()
+    assert len({number for number, _ in made}) == 12
+    assert len(made) == len(set(made))
+
+
+@pytest.mark.parametrize(
+    ("task", "n_phantoms", "words"),
+    [
+        ("pp-random", 0, r"n_phantoms must be a whole number in \[1, 2147483648\], not 0"),
+        ("pp-random", 2**31 + 1, r"n_phantoms must be a whole number in .*, not 2147483649"),
+        ("pp-random", "all", "n_phantoms must be a whole number in .*, not 'all'"),
+        ("pp", 20, "n_phantoms is for tasks that draw phantoms .*'pp-random'.*, not for 'pp'"),
+    ],
+)
+def test_refuses_sets_that_cannot_be(task, n_phantoms, words):
+    with pytest.raises(ConfigurationError, match=words):
+        Setting(task=task, n_phantoms=n_phantoms)
+
+
+def test_an_environment_by_its_id_takes_a_set_too():
+    env = gym.make("usbench/ProbePlaneRandom-v0", phantoms=PhantomDistribution((0,), (50,), (0, 90), count=2))
+    assert set(numbers(env)) == {0, 1}
