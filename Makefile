@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: help run test test-extras test-faults slow lint format typecheck bench-sim bench-vector bench-train compare leaderboard search coverage paper ceilings figures failures scores release-agents docs clean
+.PHONY: help run test test-extras test-faults slow lint format typecheck bench-sim bench-vector bench-train compare leaderboard search coverage paper ceilings figures failures scores verify-submission release-agents docs clean
 .DEFAULT_GOAL := help
 
 help:  ## show the jobs
@@ -97,6 +97,9 @@ failures: $(STAMP)  ## show which poses look alike and how the episodes of the t
 
 scores: $(STAMP)  ## train the paper's agent on both tasks with 4 seeds (some 15 minutes) and print the scores
 	$(BIN)/python benchmarks/scores.py
+
+verify-submission: $(STAMP)  ## check a submission's trials from their records: make verify-submission SUBMISSION=folder
+	$(BIN)/usbench submit $(or $(SUBMISSION),submission) --check
 
 release-agents: $(STAMP)  ## build the trained agents that come with the package again: make release-agents TRIALS="runs more"
 	$(BIN)/python benchmarks/release_agents.py $(TRIALS)

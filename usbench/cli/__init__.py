@@ -24,7 +24,7 @@ from usbench.cli import (
     watch,
 )
 from usbench.cli.arguments import REFUSED, Parser
-from usbench.cli.sharing import dataset
+from usbench.cli.sharing import dataset, submit
 
 DONE, FAILED, INTERRUPTED = 0, 1, 130
 # As `usbench --help` lists them.
@@ -32,6 +32,7 @@ COMMANDS = (
     run,
     compare,
     leaderboard,
+    submit,
     transfer,
     search,
     frame,

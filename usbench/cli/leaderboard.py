@@ -46,7 +46,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
 def _call(args: argparse.Namespace) -> None:
     """Write a leaderboard and its figures again: of its tables, of a folder's trials, or of both."""
     from usbench.figures import comparison, tuning
-    from usbench.results import leaderboard, published, studies, tables
+    from usbench.results import additions, leaderboard, published, studies, tables
     from usbench.results.protocol import tuning as searched
 
     folder = leaderboard.files(args.leaderboard)
@@ -61,11 +61,13 @@ def _call(args: argparse.Namespace) -> None:
             )
             print(told, file=sys.stderr)
         if args.add is not None:
-            known = _added(tables.read(published.or_own(folder)), known)
+            known, checked = _added(tables.read(published.or_own(folder)), known, args.add)
         leaderboard.prepare(args.leaderboard)
         if args.add is not None and published.bring(folder):
             print(FROM_THE_PACKAGE.format(folder), file=sys.stderr)
         tables.write(known, folder)
+        if args.add is not None:
+            additions.mark_unverified(folder, checked, [name for name, told in checked.items() if told])
         studies.write(studies.gather(args.runs or args.add), folder)
     known = tables.read(folder)
     if args.search is not None:
@@ -78,8 +80,14 @@ def _call(args: argparse.Namespace) -> None:
         print(path)
 
 
-def _added(before: Results, known: Results) -> Results:
-    """Add trials to those of the tables, and tell what became of them."""
+def _added(before: Results, known: Results, runs: Path) -> tuple[Results, dict[str, list[str]]]:
+    """Add trials to those of the tables, and tell what became of them.
+
+    Returns:
+        The results of all, and of each trial that is new, or new with these numbers, why it is not verified.
+    """
+    from usbench import records
+    from usbench.compare import submission
     from usbench.results import additions
 
     addition = additions.add(before, known)
@@ -90,4 +98,9 @@ def _added(before: Results, known: Results) -> Results:
         print(f"in the tables already, with other numbers: {name}", file=sys.stderr)
     for name, row in addition.apart.items():
         print(f"with other settings than its algorithm's row, so in the row {row!r}: {name}", file=sys.stderr)
-    return addition.results
+    places = {folder.name: folder for folder in records.trial_folders(runs)}
+    checked = {name: submission.problems(places[name], records_alone=True) for name in addition.new(known)}
+    for name, told in checked.items():
+        if told:
+            print(f"not verified, and marked so: {name} ({told[0]})", file=sys.stderr)
+    return addition.results, checked

@@ -1,14 +1,22 @@
 """Trials that are added to the tables of a leaderboard: which may be, and what becomes of known ones."""
 
+import re
+from collections.abc import Collection
 from dataclasses import dataclass
+from pathlib import Path
 
 import pandas as pd
 
 from usbench import seed_pools
+from usbench.atomic import atomic_file
 from usbench.checks import ConfigurationError
 from usbench.results import agents
 from usbench.results.protocol import further
 from usbench.results.tables import ORDER, Results
+
+# Names of trials whose evaluations were played again and came out otherwise, or which could not be checked.
+UNVERIFIED = "unverified.txt"
+MARK = "not verified"
 
 
 @dataclass(frozen=True)
@@ -27,6 +35,10 @@ class Addition:
     same: list[str]
     other: list[str]
     apart: dict[str, str]
+
+    def new(self, added: Results) -> list[str]:
+        """Return the names of those trials in `added` that the tables had not, or with other numbers."""
+        return [name for name in added.trials["trial"] if name not in self.same]
 
 
 def add(known: Results, added: Results) -> Addition:
@@ -85,3 +97,32 @@ def _check_seeds(new: pd.DataFrame) -> None:
             seed_pools.own().check("comparison", int(seed))
         except ConfigurationError as error:
             raise ConfigurationError(f"{trial} cannot be added: {error}") from None
+
+
+def unverified(folder: Path) -> list[str]:
+    """Return the names of the trials of the tables in `folder` that are not verified."""
+    path = folder / UNVERIFIED
+    return path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
+
+
+def mark_unverified(folder: Path, checked: Collection[str], wrong: Collection[str]) -> None:
+    """Keep in `folder` that of the trials `checked` those in `wrong` are not verified, and the others are."""
+    names = sorted({*unverified(folder)} - {*checked} | {*wrong})
+    if names or (folder / UNVERIFIED).exists():
+        with atomic_file(folder / UNVERIFIED) as file:
+            file.write("".join(f"{name}\n" for name in names).encode())
+
+
+def marked(text: str, known: Results, names: Collection[str]) -> str:
+    """Return a leaderboard in which every row with one of the trials `names` says that it is not verified."""
+    own = agents.named(known.trials)
+    own = own[own["trial"].isin(list(names))]
+    for agent in sorted(set(own["agent"])):
+        text = re.sub(rf"^\| `{re.escape(agent)}` \|", f"| `{agent}` ({MARK}) |", text, flags=re.MULTILINE)
+    if own.empty:
+        return text
+    listed = ", ".join(f"`{name}`" for name in sorted(own["trial"]))
+    return (
+        f"{text}\nRows that are {MARK} hold trials whose recorded actions do not give their recorded "
+        f"returns, or which could not be checked (`usbench submit`): {listed}.\n"
+    )

@@ -7,7 +7,18 @@ import pandas as pd
 from usbench.anchors import Anchors
 from usbench.atomic import atomic_file
 from usbench.records import ConfigurationError
-from usbench.results import held_out, provenance, ranking, scores, studies, tables, text, together, verdict
+from usbench.results import (
+    additions,
+    held_out,
+    provenance,
+    ranking,
+    scores,
+    studies,
+    tables,
+    text,
+    together,
+    verdict,
+)
 from usbench.results.protocol import further, tuning
 from usbench.results.scores import CELL, ROW, SCORED, Cell
 from usbench.results.tables import SAMPLED, Results
@@ -75,7 +86,11 @@ def write(folder: Path, path: Path) -> list[Path]:
     path.parent.mkdir(parents=True, exist_ok=True)
     table = scores.cells(known).round(tables.DECIMALS).to_csv(index=False, lineterminator="\n")
     written = {
-        path: markdown(known, held_out.read(folder), studies.read(folder), tuning.read(folder)),
+        path: additions.marked(
+            markdown(known, held_out.read(folder), studies.read(folder), tuning.read(folder)),
+            known,
+            additions.unverified(folder),
+        ),
         path.with_name(SCORES): table,
     }
     for name, content in written.items():

@@ -1,0 +1,190 @@
+"""Submissions: trials are verified from their records, and what was changed by hand is found."""
+
+import dataclasses
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from quick_trials import speed_up
+from state_files import read_state, write_state
+from trials import SMALL
+
+from usbench import cli, records, suite
+from usbench.checks import ConfigurationError
+from usbench.compare import submission
+from usbench.records import checksums
+from usbench.results import additions, leaderboard, tables
+from usbench.trials import runner
+from usbench.trials.configuration import resolve
+
+STEPS = 64
+
+
+def shorter(monkeypatch):
+    """Quick trials on tasks whose whole budget is that short."""
+    speed_up(monkeypatch)
+    rows = {name: dataclasses.replace(row, steps=STEPS) for name, row in suite.TASKS.items()}
+    monkeypatch.setattr(suite, "TASKS", rows)
+
+
+@pytest.fixture(scope="module")
+def _made(tmp_path_factory):
+    runs = tmp_path_factory.mktemp("made")
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        shorter(monkeypatch)
+        for algo, noise in (("vpg", 0.5), ("dqn", 0.0)):
+            config = resolve(algo, "pp", seed=100, noise=noise, overrides=SMALL[algo])
+            runner.run_trial(config, runs)
+    return runs
+
+
+@pytest.fixture
+def runs(_made, tmp_path, monkeypatch):
+    """A folder with two whole trials, a copy for this test alone."""
+    shorter(monkeypatch)
+    monkeypatch.chdir(tmp_path)
+    return Path(shutil.copytree(_made, tmp_path / "mine"))
+
+
+def rewrite(folder, name, change):
+    """Change the rows of a journal as `change` does, with checksums as a forger would write them."""
+    rows = [json.loads(line) for line in (folder / name).read_text().splitlines()]
+    change(rows)
+    (folder / name).write_text("".join(json.dumps(row) + "\n" for row in rows))
+    state = read_state(folder)
+    state["checksums"] = checksums.of(folder, (records.EPISODES, records.EVALUATIONS))
+    write_state(folder, state)
+
+
+def better(rows):
+    rows[-1]["return"] += 1.0
+
+
+def other_action(rows):
+    rows[-1]["actions"][0] = (rows[-1]["actions"][0] + 1) % 5
+
+
+def too_short(rows):
+    rows[-1]["actions"].pop()
+
+
+def too_long(rows):
+    rows[-1]["actions"].append(0)
+
+
+def left_out(rows):
+    rows.pop()
+
+
+def at_the_goal(rows):
+    rows[-1]["is_success"] = not rows[-1]["is_success"]
+
+
+def of_no_list(rows):
+    rows[-1]["eval_episode"] = 10_000
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (better, "come out otherwise, as evaluation episode"),
+        (other_action, "come out otherwise"),
+        (too_short, "its actions end before the episode does"),
+        (too_long, "there are actions after its end"),
+        (left_out, "with greedy actions are not"),
+        (at_the_goal, "come out otherwise"),
+        (of_no_list, "cannot be played again"),
+    ],
+)
+def test_a_forged_evaluation_is_found(runs, change, said):
+    folder = records.trial_folders(runs)[0]
+    assert submission.problems(folder) == []
+    rewrite(folder, records.EVALUATIONS, change)
+    assert said in " ".join(submission.problems(folder))
+
+
+def test_a_record_that_was_changed_without_its_checksum_is_damaged(runs):
+    folder = records.trial_folders(runs)[0]
+    path = folder / records.EVALUATIONS
+    path.write_text(path.read_text().replace('"episode": 0', '"episode": 7', 1))
+    assert "is damaged" in submission.problems(folder)[0]
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"seed": 3}, "its seed 3 is not one of those that are kept for comparisons, 100 to 999"),
+        ({"steps": 32}, "it trained for 32 steps: the budget of pp is 64"),
+        ({"noise": 0.25}, "its exact returns (optimum, random, idle agent) are not those"),
+    ],
+)
+def test_another_setting_than_the_comparisons_is_found(runs, changes, said):
+    folder = records.trial_folders(runs)[1]
+    state = read_state(folder)
+    state["config"] |= changes
+    write_state(folder, state)
+    assert said in " ".join(submission.problems(folder))
+
+
+def test_a_trial_that_trained_too_long_or_never_is_found(runs):
+    folder = records.trial_folders(runs)[0]
+    rewrite(folder, records.EPISODES, lambda rows: rows[-1].update(step=STEPS + 1))
+    assert "beyond the budget" in " ".join(submission.problems(folder))
+    rewrite(folder, records.EPISODES, list.clear)
+    assert "it has no training episodes" in " ".join(submission.problems(folder))
+
+
+def test_other_frames_are_told_and_refuse_nothing(runs, capsys):
+    folders = records.trial_folders(runs)
+    assert submission.other_frames(folders) == []
+    state = read_state(folders[0])
+    state["frames"]["digest"] = "0" * 64
+    write_state(folders[0], state)
+    (told,) = submission.other_frames(folders)
+    assert told.startswith(f"{folders[0].name} has seen other frames")
+    assert cli.main(["submit", "mine"]) == 0
+    assert told in capsys.readouterr().err
+
+
+def test_one_that_is_not_finished_is_found(runs):
+    folder = records.trial_folders(runs)[0]
+    write_state(folder, read_state(folder) | {"status": "interrupted"})
+    assert submission.problems(folder) == ["it is not finished, but interrupted."]
+
+
+def test_a_submission_is_written_checked_again_and_added(runs, capsys):
+    assert cli.main(["submit", "mine"]) == 0
+    captured = capsys.readouterr()
+    assert captured.out == "verified: 2 of 2 trials\nsubmission\n" and captured.err.count("verified") == 2
+    kept = {path.name for path in Path("submission").rglob("*") if path.is_file()}
+    assert kept == set(submission.FILES)
+    assert cli.main(["submit", "submission", "--check", "--quiet"]) == 0
+    rewrite(records.trial_folders(Path("submission"))[0], records.EVALUATIONS, better)
+    capsys.readouterr()
+    assert cli.main(["submit", "submission", "--check", "--quiet"]) == 1
+    error = capsys.readouterr().err
+    assert "1 of 2 trials are not verified, nothing is written; pp-p0-dqn-s100" in error
+
+
+def test_what_is_added_without_being_verified_is_marked(runs, capsys, monkeypatch):
+    monkeypatch.setattr("usbench.figures.comparison.write", lambda *_: [])
+    known = tables.collect(runs)
+    tables.write(known.of(known.trials.head(0)), leaderboard.prepare(Path("leaderboard.md")))
+    vpg = next(folder for folder in records.trial_folders(runs) if "-vpg-" in folder.name)
+    rewrite(vpg, records.EVALUATIONS, better)
+    assert cli.main(["leaderboard", "--add", "mine"]) == 0
+    assert f"not verified, and marked so: {vpg.name}" in capsys.readouterr().err
+    assert additions.unverified(Path("leaderboard_files")) == [vpg.name]
+    text = Path("leaderboard.md").read_text()
+    assert "| `vpg` (not verified) |" in text and "| `dqn` |" in text and f"`{vpg.name}`" in text
+    # The same trial, whole again: the mark goes.
+    rewrite(vpg, records.EVALUATIONS, lambda rows: rows[-1].update({"return": rows[-1]["return"] - 1.0}))
+    assert cli.main(["leaderboard", "--add", "mine"]) == 0
+    assert additions.unverified(Path("leaderboard_files")) == []
+    assert "not verified" not in Path("leaderboard.md").read_text()
+
+
+def test_where_there_is_no_trial_one_sentence_says_so(tmp_path):
+    with pytest.raises(ConfigurationError, match="there is no trial in"):
+        submission.check(tmp_path)

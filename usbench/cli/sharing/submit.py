@@ -1,0 +1,58 @@
+"""`usbench submit`: check trials of your own, and put together what the leaderboard needs of them."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+EXAMPLES = """examples:
+  usbench compare --algos mine:LongPPO --out mine --leaderboard mine/leaderboard.md
+  usbench submit mine
+      checks the trials in mine and writes the folder submission (docs/submit.md)
+  usbench submit submission --check
+      checks again, and writes nothing
+"""
+
+
+def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
+    """Add the command to the command line; `debug` is what all commands share."""
+    submit = subparsers.add_parser(
+        "submit",
+        parents=[debug],
+        epilog=EXAMPLES,
+        help="check trials of your own for the leaderboard, and put them together",
+        description="Check trials from their records alone (seeds, budget, environment, frames, every "
+        "evaluation played again from its actions), and copy what the leaderboard needs of them; no code of "
+        "an algorithm runs.",
+    )
+    submit.add_argument("trials", type=Path, metavar="TRIALS", help="folder of trials, or a single trial")
+    submit.add_argument(
+        "--out", type=Path, default=Path("submission"), metavar="DIR", help="folder (default submission)"
+    )
+    submit.add_argument("--check", action="store_true", help="check, and write nothing")
+    submit.add_argument("--quiet", action="store_true", help="no progress")
+    submit.set_defaults(call=_call)
+
+
+def _call(args: argparse.Namespace) -> None:
+    """Check the trials; copy them if none has a problem."""
+    from usbench.compare import submission
+
+    def tell(text: str) -> None:
+        if not args.quiet:
+            print(text, file=sys.stderr, flush=True)
+
+    found = submission.check(args.trials, tell)
+    wrong = {folder.name: told for folder, told in found.items() if told}
+    if wrong:
+        name, told = next(iter(wrong.items()))
+        raise RuntimeError(
+            f"{len(wrong)} of {len(found)} trials are not verified, nothing is written; {name}: {told[0]}"
+        )
+    for told_of_frames in submission.other_frames(list(found), tell):
+        print(told_of_frames, file=sys.stderr)
+    print(f"verified: {len(found)} of {len(found)} trials")
+    if not args.check:
+        print(submission.write(list(found), args.out))

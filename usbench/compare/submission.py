@@ -1,0 +1,203 @@
+"""Trials for the leaderboard, checked from their records alone: no code of an algorithm is run.
+
+What an agent did in its evaluations is recorded action by action. Played again from the seeds of the fixed
+list, these actions must give the recorded returns: nobody has to trust a number that somebody has sent.
+"""
+
+import json
+import shutil
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from usbench import records, seed_pools, suite
+from usbench.anchors import Anchors
+from usbench.checks import ConfigurationError
+from usbench.coordinates import BY_NAME
+from usbench.records import Trial
+from usbench.setting import Setting
+
+# What a submission holds of each trial; its weights are not asked for.
+FILES = (records.TRIAL, records.EPISODES, records.EVALUATIONS)
+# Two sums of rewards that are the same but for the order of rounding; of rewards from frames, but for those.
+SAME, SAME_FROM_FRAMES = 1e-6, 1e-2
+
+
+def problems(folder: Path, *, records_alone: bool = False) -> list[str]:
+    """Return in sentences why the trial in `folder` cannot stand in the leaderboard; none if it can.
+
+    `records_alone` asks whether its records are what happened, not whether its seed, its budget and its
+    environment are those of the comparison.
+    """
+    try:
+        trial = Trial.read(folder)
+        evaluations, episodes = trial.evaluations(), trial.episodes()
+    except (ConfigurationError, ValueError) as error:
+        return [str(error)]
+    if trial.status != "finished":
+        return [f"it is not finished, but {trial.status}."]
+    try:
+        setting = Setting.recorded(trial.config)
+    except ConfigurationError as error:
+        return [str(error)]
+    return [
+        *([] if records_alone else _of_configuration(trial, setting)),
+        *_of_training(trial, episodes),
+        *_of_evaluations(trial, evaluations),
+        *_of_returns(setting, evaluations),
+    ]
+
+
+def check(runs: Path, tell: Callable[[str], None] = lambda _: None) -> dict[Path, list[str]]:
+    """Return the trials in `runs` with their `problems`.
+
+    Raises:
+        ConfigurationError: If there is no trial in `runs`.
+    """
+    folders = records.trial_folders(runs) if runs.is_dir() else []
+    if not folders:
+        raise ConfigurationError(f"there is no trial in {str(runs)!r}: usbench compare makes some.")
+    tell(f"checking {len(folders)} trials: every evaluation is played again, some seconds for each trial")
+    found = {}
+    for number, folder in enumerate(folders, 1):
+        found[folder] = problems(folder)
+        tell(f"[{number}/{len(folders)}] {folder.name}: {' '.join(found[folder]) or 'verified'}")
+    return found
+
+
+def other_frames(folders: Sequence[Path], tell: Callable[[str], None] = lambda _: None) -> list[str]:
+    """Return in sentences which trials have seen other frames than this machine makes.
+
+    Another kind of processor rounds some pixels otherwise, so that this alone refuses no trial.
+    """
+    digests: dict[Setting, str] = {}
+    found = []
+    for trial in (Trial.read(folder) for folder in folders):
+        if trial.frames is None:
+            continue
+        setting = Setting(task=trial.config.task)
+        if setting not in digests:
+            tell(f"frames of {setting.task}, to compare their digest; those that are not kept are simulated")
+            digests[setting] = setting.prepare_frames().digest
+        if digests[setting] != trial.frames.digest:
+            found.append(
+                f"{trial.name} has seen other frames than this machine makes: another version of the "
+                "simulator, or another kind of processor, which rounds otherwise."
+            )
+    return found
+
+
+def write(folders: Sequence[Path], out: Path) -> Path:
+    """Copy what is submitted of trials into the folder `out`, made if need be, and return it.
+
+    Raises:
+        ConfigurationError: If it cannot be written.
+    """
+    try:
+        for folder in folders:
+            (out / folder.name).mkdir(parents=True, exist_ok=True)
+            for name in FILES:
+                shutil.copyfile(folder / name, out / folder.name / name)
+    except OSError as error:
+        raise records.unwritable(out, error) from error
+    return out
+
+
+def _of_configuration(trial: Trial, setting: Setting) -> list[str]:
+    config, found = trial.config, []
+    own = json.loads(json.dumps(Setting(task=setting.task).record()))
+    if dict(config.environment) != own:
+        found.append(f"its anatomy, probe, imaging, reward or senses are not those of {config.task}.")
+    if config.steps not in (0, setting.row.steps):
+        found.append(
+            f"it trained for {config.steps} steps: the budget of {config.task} is {setting.row.steps}."
+        )
+    pool = seed_pools.own().comparison
+    if config.steps and config.seed not in pool:
+        found.append(f"its seed {config.seed} is not one of those that are kept for comparisons, {pool}.")
+    if not found and not _same_anchors(trial.anchors, setting.scored.anchors(), _tolerance(setting)):
+        found.append("its exact returns (optimum, random, idle agent) are not those of its task and noise.")
+    return found
+
+
+def _same_anchors(one: Anchors, other: Anchors, tolerance: float) -> bool:
+    return all(
+        abs(getattr(one, name) - getattr(other, name)) <= tolerance for name in ("optimal", "random", "stay")
+    )
+
+
+def _of_training(trial: Trial, episodes: pd.DataFrame) -> list[str]:
+    if episodes.empty:
+        return [] if trial.config.steps == 0 else ["it has no training episodes."]
+    steps = episodes["step"]
+    if not steps.is_monotonic_increasing or steps.iloc[-1] > trial.config.steps:
+        return [f"its training episodes end after {steps.max()} steps, beyond the budget, or out of order."]
+    return []
+
+
+def _of_evaluations(trial: Trial, evaluations: pd.DataFrame) -> list[str]:
+    """Return what is missing of the evaluations: every point has every episode of the list once."""
+    points = suite.evaluation_points(trial.config.task, trial.config.steps)
+    n_episodes = len(suite.evaluation_episodes(trial.config.task))
+    if evaluations.empty:
+        return ["it has no evaluations."]
+    for greedy in (True, False):
+        rows = evaluations[evaluations["deterministic"] == greedy]
+        counted = rows.groupby("checkpoint")["eval_episode"].agg(["nunique", "size"])
+        if tuple(counted.index) != points or not (counted == n_episodes).all(axis=None):
+            kind = "greedy" if greedy else "sampled"
+            return [f"its evaluations with {kind} actions are not {n_episodes} episodes at each of {points}."]
+    return []
+
+
+def _of_returns(setting: Setting, evaluations: pd.DataFrame) -> list[str]:
+    """Play every recorded evaluation episode again; return what comes out otherwise."""
+    env: Any = setting.scored.make_env()
+    env.unwrapped.is_watched = setting.guidance.reward_from_frames
+    planned, tolerance, wrong = setting.evaluation_episodes(), _tolerance(setting), []
+    seen: dict[tuple[int, tuple[int, ...]], dict[str, Any]] = {}
+    for row in evaluations.to_dict("records"):
+        try:
+            key = (int(row["eval_episode"]), tuple(int(action) for action in row["actions"]))
+            if key not in seen:
+                seen[key] = _played(env, planned[key[0]], key[1])
+            facts = seen[key]
+        except (AssertionError, IndexError, KeyError, TypeError, ValueError) as error:
+            wrong.append(f"episode {row.get('eval_episode')} cannot be played again ({error})")
+            continue
+        if abs(facts["return"] - row["return"]) > tolerance or any(
+            facts[name] != row[name] for name in facts if name != "return"
+        ):
+            wrong.append(
+                f"evaluation episode {row['eval_episode']} at step {row['checkpoint']} has the return "
+                f"{row['return']:.4f}, its actions give {facts['return']:.4f}"
+            )
+    env.close()
+    if not wrong:
+        return []
+    return [f"{len(wrong)} of {len(evaluations)} evaluation episodes come out otherwise, as {wrong[0]}."]
+
+
+def _played(env: Any, planned: suite.EvaluationEpisode, actions: Sequence[int]) -> dict[str, Any]:
+    """Return what an episode's record says of it, from its seed, start and actions.
+
+    Raises:
+        ValueError: If the episode does not end with the last action.
+    """
+    _, info = env.reset(seed=planned.seed, options=planned.options)
+    total, over = 0.0, False
+    for action in actions:
+        if over:
+            raise ValueError("there are actions after its end")
+        _, reward, terminated, truncated, info = env.step(action)
+        total, over = total + float(reward), terminated or truncated
+    if not over:
+        raise ValueError("its actions end before the episode does")
+    poses = {f"final_{name}": int(info[name]) for name in BY_NAME if name in info}
+    return {"return": total, "is_success": bool(info["is_success"]), **poses}
+
+
+def _tolerance(setting: Setting) -> float:
+    return SAME_FROM_FRAMES if setting.guidance.reward_from_frames else SAME
