@@ -2,7 +2,8 @@
 
 Accuracy means: compared with RF of an independent code (esdiva 0.3.0, the Field II method), of which eight
 lines are in tests/reference; where all 64 lines lie beside the repository, all are compared. The ratio of the
-speeds needs esdiva itself, which the extra `bench` installs.
+speeds needs esdiva itself, which the extra `bench` installs. The engine before the present one is taken from
+the history of the repository, zea from an installation of yours (`pip install zea==0.1.8`).
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import argparse
 import importlib.util
 import os
 import resource
+import shutil
 import statistics
 import subprocess
 import sys
@@ -26,6 +28,7 @@ import numpy.typing as npt
 from rich.console import Console
 from rich.table import Table
 
+from usbench.envs import rf as engine
 from usbench.envs.bmode import DEFAULT_IMAGING, bmode, envelope, log_compress
 from usbench.envs.field.response_table import forget_tables, keep_tables
 from usbench.envs.frames import FrameStore
@@ -43,6 +46,17 @@ EXTRACT = ROOT / "tests" / "reference" / "rf_reference.npz"
 ALL_LINES = ROOT.parent / "shared" / "reference" / "rf_reference.npz"
 REFERENCE = ALL_LINES if ALL_LINES.exists() else EXTRACT
 ROUNDS = 4
+# The last commit of the engine before.
+OLD_ENGINE = "21a33ca"
+ZEA_SHARE = 100  # of the scatterers, one in so many
+EDGE_ARRAY = LinearArray(
+    center_frequency=7e6,
+    n_elements=128,
+    element_width=0.27e-3,
+    kerf=0.03e-3,
+    n_lines=128,
+    line_spacing=0.3e-3,
+)
 Row = tuple[str, str, str]
 Floats = npt.NDArray[np.float64]
 
@@ -157,6 +171,57 @@ def speed(n: int) -> Iterator[Row]:
     yield "first frame at a new focal depth, worst of 17", f"{max(first.values()):.2f} s", "at most 2.5 s"
 
 
+def engines() -> Iterator[Row]:
+    """Time the engine before and the present one in turns, each in its own process, tables made anew."""
+    with tempfile.TemporaryDirectory() as folder:
+        old = Path(folder) / "old"
+        if not unpacked(OLD_ENGINE, Path(folder) / "source", old):
+            yield f"the engine of commit {OLD_ENGINE}: not in this copy's history", "", ""
+            return
+        times: dict[tuple[str, int], list[tuple[float, float]]] = {}
+        for turn in range(ROUNDS):
+            # Tables are new in every round, as the processes are.
+            cache = {"USBENCH_CACHE": str(Path(folder) / f"cache{turn}")}
+            workers = {
+                name: subprocess.Popen(
+                    [sys.executable, str(Path(__file__).with_name("engine.py"))],
+                    env={**os.environ, **cache, **path},
+                    stdin=subprocess.PIPE,
+                    stdout=subprocess.PIPE,
+                    text=True,
+                )
+                for name, path in (("old", {"PYTHONPATH": str(old)}), ("new", {}))
+            }
+            for depth in (50, 20, 5):
+                for name, worker in workers.items():
+                    assert worker.stdin is not None and worker.stdout is not None
+                    print(depth, file=worker.stdin, flush=True)
+                    first, other = map(float, worker.stdout.readline().split())
+                    times.setdefault((name, depth), []).append((first, other))
+            for worker in workers.values():
+                worker.communicate()
+    for depth in (50, 20, 5):
+        (old_first, old_rest), (first, rest) = (
+            np.median(times[name, depth], axis=0) for name in ("old", "new")
+        )
+        what = f"focus {depth} mm, engine of {OLD_ENGINE} over the present one"
+        yield f"{what}: time of a frame", f"{old_rest / rest:.2f}", "2" if depth == 50 else "4"
+        yield f"{what}: time of a first frame", f"{old_first / first:.2f}", "2"
+
+
+def unpacked(commit: str, source: Path, target: Path) -> bool:
+    """Install the package of an earlier commit into the folder `target`; return whether git knows it."""
+    archive = subprocess.run(["git", "archive", commit], cwd=ROOT, capture_output=True)
+    if archive.returncode:
+        return False
+    source.mkdir()
+    subprocess.run(["tar", "x", "-C", str(source)], input=archive.stdout, check=True)
+    for part in ("envs", "agents"):
+        shutil.copytree(source / part, target / "usbench" / part)
+    shutil.copytree(source / "usbench", target / "usbench", dirs_exist_ok=True)
+    return True
+
+
 def environments(n: int) -> Iterator[Row]:
     """Time `n` episodes of random actions, a new phantom in each, frames simulated as the probe moves."""
     generator = np.random.default_rng(0)
@@ -186,21 +251,57 @@ def scaling() -> Iterator[Row]:
 
 def few_points() -> Iterator[Row]:
     """Time 12 points with an array of which every second line lies beyond the last full aperture."""
-    array = LinearArray(
-        center_frequency=7e6,
-        n_elements=128,
-        element_width=0.27e-3,
-        kerf=0.03e-3,
-        n_lines=128,
-        line_spacing=0.3e-3,
-    )
     points = np.stack([np.linspace(-18e-3, 18e-3, 12), np.zeros(12), np.full(12, 30e-3)], axis=1)
     before = time.process_time()
-    simulate_iq(points, np.ones(12), array, 30e-3)
+    simulate_iq(points, np.ones(12), EDGE_ARRAY, 30e-3)
     first = time.process_time() - before
-    again = median_seconds(lambda: simulate_iq(points, np.ones(12), array, 30e-3), 15)
+    before = time.process_time()
+    again = median_seconds(lambda: simulate_iq(points, np.ones(12), EDGE_ARRAY, 30e-3), 15)
+    cpu = (time.process_time() - before) / 15
     yield "12 points, 128 lines at 7 MHz: first call, of all cores", f"{first:.2f} s", "at most 5 s"
     yield "the same, second call", f"{1e3 * again:.0f} ms", "at most 20 ms"
+    yield "the same, CPU time of all cores", f"{1e3 * cpu:.0f} ms", ""
+
+
+def break_even() -> Iterator[Row]:
+    """Compare what a pair of line and scatterer takes summed directly with what a table takes to make."""
+    points = np.random.default_rng(0).uniform([-20e-3, -5e-3, 1e-3], [20e-3, 5e-3, 90e-3], (32, 3))
+    lines = DEFAULT_ARRAY.line_positions
+    pairs = len(points) * len(lines)
+
+    def cpu(work: Callable[[], object]) -> float:
+        start = time.process_time()
+        work()
+        return time.process_time() - start
+
+    frame = (points, np.ones(len(points)), DEFAULT_ARRAY, 0.05, lines)
+    assert pairs <= engine.FEW_PAIRS
+    simulate_iq(*frame)
+    direct = statistics.median(cpu(lambda: simulate_iq(*frame)) for _ in range(9))
+    engine.FEW_PAIRS, few = 0, engine.FEW_PAIRS
+    with tempfile.TemporaryDirectory() as folder:
+        kept = os.environ.get("USBENCH_CACHE")
+        os.environ["USBENCH_CACHE"] = folder
+        forget_tables()
+        made = cpu(lambda: simulate_iq(*frame))
+        os.environ.pop("USBENCH_CACHE")
+        os.environ.update({} if kept is None else {"USBENCH_CACHE": kept})
+    table = statistics.median(cpu(lambda: simulate_iq(*frame)) for _ in range(9))
+    engine.FEW_PAIRS = few
+    yield f"CPU time of a pair summed directly ({pairs} pairs)", f"{1e6 * direct / pairs:.1f} us", ""
+    yield "CPU time of the same with a table that is there", f"{1e6 * table / pairs:.1f} us", ""
+    yield "pairs summed directly in the CPU time of making a table", f"{made / direct * pairs:.0f}", ""
+    yield f"calls with {pairs} pairs after which a table pays", f"{made / max(direct - table, 1e-9):.0f}", ""
+
+
+def dense_to_the_edge() -> Iterator[Row]:
+    """Time many scatterers with the array of `few_points`, of which half the lines have no full aperture."""
+    n = 10_000
+    rng = np.random.default_rng(0)
+    points = rng.uniform([-19e-3, -2.5e-3, 1e-3], [19e-3, 2.5e-3, 45e-3], (n, 3))
+    once = seconds(lambda: simulate_iq(points, np.ones(n), EDGE_ARRAY, 30e-3))
+    yield f"{n} points, 128 lines at 7 MHz, half of them beyond the last full aperture", f"{once:.1f} s", ""
+    yield "peak memory of that process", f"{peak_memory_mb():.0f} MB", ""
 
 
 def throughput() -> Iterator[Row]:
@@ -249,6 +350,20 @@ def ratio() -> Iterator[Row]:
     yield "the same, RF: esdiva's time over ours", f"{theirs / ours:.0f}", "1000"
     yield "the same, I/Q, all that an image needs: esdiva's time over ours", f"{theirs / baseband:.0f}", ""
     yield "correlation of both signals", f"{correlation(rf.astype(np.float64), expected):.5f}", "0.998"
+
+
+def ratio_to_zea() -> Iterator[Row]:
+    """Time a frame of RF, and a share of the same frame by zea immediately afterwards."""
+    from zea_frame import seconds as zea_seconds
+
+    positions, amplitudes = Phantom().in_view(Pose(), *view(DEFAULT_ARRAY, DEFAULT_IMAGING))
+    ours = median_seconds(lambda: simulate_rf(positions, amplitudes, DEFAULT_ARRAY, 0.05), 15)
+    some = slice(None, None, ZEA_SHARE)
+    theirs = zea_seconds(positions[some], amplitudes[some], DEFAULT_ARRAY, 0.05)
+    whole = theirs * len(positions) / len(positions[some])
+    what = f"{len(positions[some])} of {len(positions)} scatterers, 64 transmits, 192 elements"
+    yield f"{what}: zea 0.1.8, PyTorch, CPU", f"{theirs:.1f} s", ""
+    yield "zea's time for all of them, in proportion, over ours for 64 lines of RF", f"{whole / ours:.0f}", ""
 
 
 def peak_memory_mb() -> float:
@@ -302,14 +417,18 @@ def main() -> None:
         all_frames()
         return
     if args.throughput:
-        for row in chain(few_points(), throughput()):
+        for row in chain(few_points(), break_even(), throughput(), dense_to_the_edge()):
             print(*row, sep="\t", flush=True)
         return
     table = Table("what", "measured", "asked", title="The simulator")
-    parts = [accuracy(), speed(args.repeats), environments(args.repeats), scaling(), apart(), from_nothing()]
+    parts = [accuracy(), engines(), speed(args.repeats), environments(args.repeats), scaling(), apart()]
+    parts.append(from_nothing())
     has_esdiva = importlib.util.find_spec("esdiva") is not None
     if has_esdiva:
         parts.append(ratio())
+    has_zea = importlib.util.find_spec("zea") is not None
+    if has_zea:
+        parts.append(ratio_to_zea())
     for part in parts:
         for row in part:
             table.add_row(*row)
@@ -317,6 +436,8 @@ def main() -> None:
     Console(width=110).print(table)
     if not has_esdiva:
         print("No ratio to esdiva: it is not installed (pip install -e '.[bench]').")
+    if not has_zea:
+        print("No ratio to zea: it is not installed (pip install zea==0.1.8).")
 
 
 if __name__ == "__main__":
