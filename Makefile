@@ -86,6 +86,9 @@ coverage: $(STAMP)  ## how often the leaderboard's intervals hold the truth, by 
 paper: $(STAMP)  ## write docs/paper.md, the paper's results beside ours, from leaderboard_files/ alone
 	$(BIN)/python benchmarks/paper.py
 
+task-pages: $(STAMP)  ## write the page and the moving picture of every task into docs/environments (some minutes)
+	$(BIN)/python benchmarks/task_pages.py
+
 ceilings: $(STAMP)  ## the largest scores that an agent's knowledge allows (some minutes)
 	$(BIN)/python benchmarks/ceilings.py
 

@@ -1,6 +1,9 @@
 """The site: `make docs` builds it from these pages and the docstrings, without the internet."""
 
+import os
 import re
+import subprocess
+import sys
 from importlib.metadata import version as installed
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -13,18 +16,32 @@ ROOT = Path(__file__).parents[1]
 # Folder of the repository -> package.
 PACKAGES = {"envs": "usbench.envs", "agents": "usbench.agents", "usbench": "usbench"}
 
+sys.path.insert(0, str(Path(__file__).parent / "_ext"))
+
+
+def repository() -> str:
+    """Return where the repository is on the web, empty where CI and the clone's origin do not say."""
+    if "GITHUB_REPOSITORY" in os.environ:
+        return "{GITHUB_SERVER_URL}/{GITHUB_REPOSITORY}".format_map(os.environ)
+    asked = ["git", "-C", str(ROOT), "remote", "get-url", "origin"]
+    found = subprocess.run(asked, capture_output=True, text=True, check=False).stdout.strip()
+    return found.removesuffix(".git") if found.startswith("https://") and "@" not in found else ""
+
+
 project = "usbench"
 copyright = "usbench contributors"
 version = release = installed("usbench")
 
 extensions = [
+    "mathml",
     "myst_nb",
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
     "sphinx.ext.napoleon",
     "sphinx.ext.viewcode",
+    "sphinx_copybutton",
 ]
-exclude_patterns = ["_static", "_templates"]
+exclude_patterns = ["_ext", "_static", "_templates"]
 templates_path = ["_templates"]
 # Docstrings name code with single backticks.
 default_role = "code"
@@ -37,7 +54,8 @@ napoleon_use_ivar = True
 python_maximum_signature_line_length = 90
 
 highlight_language = "text"
-myst_enable_extensions = ["html_image"]
+myst_enable_extensions = ["dollarmath", "html_image"]
+html_math_renderer = "mathml"
 myst_heading_anchors = 3
 nb_execution_mode = "force"
 nb_execution_raise_on_error = True
@@ -48,6 +66,20 @@ html_title = f"usbench {version}"
 html_show_sphinx = False
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
+html_logo = "_static/logo.svg"
+html_favicon = "_static/favicon.svg"
+# A button stands beside commands and programs, not beside their output; of a dialogue it copies the commands.
+copybutton_selector = ", ".join(f"div.highlight-{kind} pre" for kind in ("bash", "console", "python", "toml"))
+copybutton_prompt_text = r"\$ |>>> |\.\.\. "
+copybutton_prompt_is_regexp = True
+html_theme_options: dict[str, Any] = {}
+if repository():
+    html_theme_options = {
+        "source_repository": repository(),
+        "source_branch": "main",
+        "source_directory": "docs/",
+        "footer_icons": [{"name": "repository", "url": repository(), "html": "repository", "class": ""}],
+    }
 
 
 def link_modules(app: Sphinx, doctree: nodes.document) -> None:
@@ -57,7 +89,7 @@ def link_modules(app: Sphinx, doctree: nodes.document) -> None:
         path = PurePosixPath(place.resolve().relative_to(ROOT).as_posix())
         package = PACKAGES.get(path.parts[0])
         if package and path.suffix == ".py":
-            name = f"{package}.{path.stem}"
+            name = ".".join((package, *path.parts[1:-1], path.stem))
             reference: Any = addnodes.pending_xref(
                 "", *link.children, refdomain="py", reftype="mod", reftarget=name, refexplicit=True
             )

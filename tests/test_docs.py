@@ -11,7 +11,15 @@ from PIL import Image
 from usbench import tasks
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [
+    *(ROOT / name for name in ("README.md", "CHANGELOG.md", "CONTRIBUTING.md")),
+    *sorted((ROOT / "docs").glob("*.md")),
+    *sorted((ROOT / "docs" / "environments").glob("*.md")),
+]
+# Columns of a code block that sites and terminals show without scrolling.
+WIDEST = 78
+# Leads to the repository's own page of a job, wherever the repository is.
+ACTIONS = "../../actions/"
 PACKAGES = {"usbench": "usbench", "usbench.envs": "envs", "usbench.agents": "agents"}
 # Names of groups of entry points, which look like modules.
 GROUPS = {"usbench.algorithms", tasks.GROUP}
@@ -40,8 +48,9 @@ MODULES = modules()
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_relative_link_leads_to_a_file(page):
-    links = re.findall(r"\]\(([^)\s]+)\)", page.read_text())
-    files = {link.partition("#")[0] for link in links if "://" not in link}
+    links = re.findall(r"\]\(([^)\s]+)\)|(?:src|href)=\"([^\"]+)\"", page.read_text())
+    found = {one or other for one, other in links}
+    files = {link.partition("#")[0] for link in found if "://" not in link and not link.startswith(ACTIONS)}
     assert [name for name in sorted(files) if not (page.parent / name).exists()] == []
 
 
@@ -57,20 +66,57 @@ def test_the_reference_names_every_module_once():
     assert sorted(named) == sorted(MODULES - {"usbench.__main__"})
 
 
-def test_the_blocks_of_the_readme_run_and_its_points_are_seen(tmp_path, monkeypatch):
+def blocks(page, kind):
+    """Return the code of all blocks of a kind."""
+    return re.findall(rf"^```{kind}\n(.*?)^```", page.read_text(), re.DOTALL | re.MULTILINE)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_code_blocks_are_not_wider_than_what_is_shown(page):
+    fenced = re.findall(r"^```[^\n]*\n(.*?)^```", page.read_text(), re.DOTALL | re.MULTILINE)
+    wide = [line for block in fenced for line in block.split("\n") if len(line) > WIDEST]
+    # The simulator's pages quote its code line by line, and what its benchmark prints.
+    assert page.name in ("physics.md", "gallery.md") or wide == []
+
+
+def test_the_first_hour_begins_on_the_first_60_lines_of_the_readme():
+    top = "\n".join((ROOT / "README.md").read_text().split("\n")[:60])
+    for part in ("docs/agent.webp", "pip install", "gym.make", "docs/environments/pp.png", "usbench guide"):
+        assert part in top
+    for page in ("docs/tutorial.md", "leaderboard.md", "docs/environments/index.md", "docs/extending.md"):
+        assert f"({page})" in top
+
+
+def test_the_readme_says_the_numbers_of_the_tables():
+    words = " ".join((ROOT / "README.md").read_text().split())
+    table = (ROOT / "leaderboard.md").read_text()
+    for said, agent in re.findall(r"(\d\.\d\d)\*{0,2}<!-- (\w+) -->", words):
+        shown = re.search(rf"^\| `{agent}` \| \d+/\d+ \| (\d\.\d+) ", table, re.MULTILINE)
+        assert shown and f"{float(shown[1]):.2f}" == said
+    physics = (ROOT / "docs" / "physics.md").read_text()
+    speed = re.search(r"frames per second, pose to pixels, focus 50 mm\s+[│|]\s+(\d+)", physics)
+    exact = re.search(r"RF correlation, focus 50 mm, 64 lines\s+[│|]\s+(\d\.\d+)", physics)
+    assert speed and f"**{speed[1]} frames per second**" in words
+    assert exact and f"**{float(exact[1]):.4f}**" in words
+
+
+def test_the_blocks_of_the_readme_run(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    for block in blocks(ROOT / "README.md", "python"):
+        exec(block, {})
+    assert capsys.readouterr().out.startswith("(90, 40, 1) ")
+
+
+def test_points_of_ones_own_are_seen(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}
-    for block in re.findall(
-        r"^```python\n(.*?)^```", (ROOT / "README.md").read_text(), re.DOTALL | re.MULTILINE
-    ):
+    for block in blocks(ROOT / "docs" / "points.md", "python"):
         exec(block, names)
-        if "points.png" in block:
-            assert len(block.split("\n")) == 14  # twelve lines, a blank one, and the end
-            picture = np.asarray(Image.open("points.png"))
-            # Points at depths of 20 and 30 mm, pixels of 0.1 mm, and speckle around them.
-            for row, column in ((200, 120), (300, 120), (300, 170)):
-                assert picture[row - 4 : row + 4, column - 4 : column + 4].max() > 200
-            assert 60 < np.median(picture[60:440]) < 180
+    picture = np.asarray(Image.open("points.png"))
+    # Points at depths of 20 and 30 mm, pixels of 0.1 mm, and speckle around them.
+    for row, column in ((200, 120), (300, 120), (300, 170)):
+        assert picture[row - 4 : row + 4, column - 4 : column + 4].max() > 200
+    assert 60 < np.median(picture[60:440]) < 180
 
 
 def cells(page):

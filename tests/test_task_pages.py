@@ -1,0 +1,51 @@
+"""The pages of the tasks are what `make task-pages` writes from the code."""
+
+import re
+import runpy
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from usbench import suite
+from usbench.anchors import Anchors
+from usbench.setting import Setting
+
+ROOT = Path(__file__).parents[1]
+FOLDER = ROOT / "docs" / "environments"
+WRITER = runpy.run_path(str(ROOT / "benchmarks" / "task_pages.py"))
+QUICK = ("fp", "pp", "pp-random", "exam")
+
+
+def shown(task):
+    """Return the anchors that the page of a task shows."""
+    page = (FOLDER / f"{task}.md").read_text()
+    found = [
+        re.search(rf"return of the {name} \| (-?[\d.]+) ", page)
+        for name in ("optimum", "random agent", "idle agent")
+    ]
+    return Anchors(*(float(one[1]) for one in found))
+
+
+@pytest.mark.parametrize("task", suite.TASKS)
+def test_a_page_is_what_the_code_says(task):
+    assert (FOLDER / f"{task}.md").read_text() == WRITER["text"](task, shown(task))
+
+
+@pytest.mark.parametrize("task", QUICK)
+def test_its_anchors_are_exact(task):
+    anchors, own = shown(task), Setting(task=task).anchors()
+    for name in ("optimal", "random", "stay"):
+        assert getattr(anchors, name) == pytest.approx(getattr(own, name), abs=5e-5)
+
+
+def test_the_gallery_has_every_task():
+    assert (FOLDER / "index.md").read_text() == WRITER["gallery"]()
+
+
+@pytest.mark.parametrize("task", suite.TASKS)
+def test_every_task_has_a_moving_picture_and_a_still(task):
+    with Image.open(FOLDER / f"{task}.webp") as film:
+        assert film.n_frames >= 8 and film.width == WRITER["WIDTH"]
+    with Image.open(FOLDER / f"{task}.png") as still:
+        assert still.width == WRITER["STILL_WIDTH"]
