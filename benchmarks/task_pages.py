@@ -14,8 +14,8 @@ from PIL import Image
 
 from usbench import suite
 from usbench.anchors import Anchors
+from usbench.ceilings import ceiling
 from usbench.coordinates import BY_NAME
-from usbench.results.ceilings import ceiling
 from usbench.setting import Setting
 from usbench.watch import replay
 
