@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: help run test test-extras test-faults slow lint format typecheck bench-sim bench-vector bench-train compare leaderboard search coverage paper ceilings figures failures scores verify-submission release-agents docs clean
+.PHONY: help run task-pages test test-extras test-faults slow lint format typecheck bench-sim bench-vector bench-train compare leaderboard search coverage paper ceilings figures failures scores verify-submission release-agents docs clean
 .DEFAULT_GOAL := help
 
 help:  ## show the jobs
