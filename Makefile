@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: help run task-pages test test-extras test-faults slow lint format typecheck bench-sim bench-vector bench-train compare leaderboard search coverage paper ceilings figures failures scores verify-submission release-agents docs clean
+.PHONY: help run task-pages test test-extras test-faults slow lint format typecheck bench-sim bench-vector bench-train compare leaderboard search coverage paper ceilings unseen figures failures scores verify-submission release-agents docs clean
 .DEFAULT_GOAL := help
 
 help:  ## show the jobs
@@ -97,6 +97,9 @@ figures: $(STAMP)  ## draw the figures of docs/physics.md and print the widths o
 
 failures: $(STAMP)  ## show which poses look alike and how the episodes of the trials in runs/ end
 	$(BIN)/python benchmarks/failures.py --figure docs/look_alikes.png
+
+unseen: $(STAMP)  ## what helps on phantoms never seen, and how many phantoms it takes (a day), as tables
+	$(BIN)/python benchmarks/unseen.py
 
 scores: $(STAMP)  ## train the paper's agent on both tasks with 4 seeds (some 15 minutes) and print the scores
 	$(BIN)/python benchmarks/scores.py

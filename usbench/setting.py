@@ -7,7 +7,7 @@ import hashlib
 import json
 import warnings
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Any, TypeVar
@@ -208,10 +208,12 @@ class Setting:
             own["phantoms"] = replace(environment.distribution, count=self.n_phantoms)
         return alike | own
 
-    def anchors(self, report: Report | None = None) -> Anchors:
-        """Return the exact expected returns of an evaluation episode.
+    def anchors(
+        self, report: Report | None = None, episodes: Sequence[suite.EvaluationEpisode] | None = None
+    ) -> Anchors:
+        """Return the exact expected returns of an evaluation episode, or of one of `episodes`.
 
-        They are the mean over the evaluation list of what each episode's phantom and start promise. Where
+        They are the mean over the list of what each episode's phantom and start promise. Where
         every start is in the list and there is one phantom, that is the mean over the starts. `report` is
         told of frames that have to be simulated where rewards are computed from them.
         """
@@ -220,8 +222,11 @@ class Setting:
         phantoms, starts = self.evaluation_phantoms(), defaultdict(list)
         if not self.row.phantoms and not self.row.drawn_starts:
             return self.process(phantoms[0].target).returns()
-        for episode in self.evaluation_episodes():
-            starts[phantoms[episode.phantom_place].target].append(episode.start)
+        plain = self.plain_env()
+        for episode in self.evaluation_episodes() if episodes is None else episodes:
+            number = episode.phantom
+            phantom = phantoms[0] if number is None else plain.phantoms.phantom(number)
+            starts[phantom.target].append(episode.start)
         found = [asdict(self.process(target).returns(tuple(own))) for target, own in starts.items()]
         weights = [len(own) for own in starts.values()]
         return Anchors(

@@ -2,7 +2,7 @@
 
 import contextlib
 import random
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import Any, Protocol
 
@@ -12,6 +12,7 @@ import numpy.typing as npt
 import torch
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
+from usbench import suite
 from usbench.envs.observation import senses
 from usbench.records import Evaluation
 from usbench.setting import Setting
@@ -33,9 +34,9 @@ class Agent(Protocol):
 class Evaluator:
     """The evaluation episodes of a setting, ready to be played by any agent; the true reward counts."""
 
-    def __init__(self, setting: Setting) -> None:
-        """Make one environment per episode of the setting's list."""
-        self.episodes = setting.evaluation_episodes()
+    def __init__(self, setting: Setting, episodes: Sequence[suite.EvaluationEpisode] | None = None) -> None:
+        """Make one environment per episode: of the setting's list, or of `episodes` in its place."""
+        self.episodes = setting.evaluation_episodes() if episodes is None else tuple(episodes)
         self._facts: dict[int, dict[str, Any]] = {}
         self._envs = [
             Recorder(setting.scored.make_env(), partial(self._facts.__setitem__, number))

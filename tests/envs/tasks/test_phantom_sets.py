@@ -1,5 +1,7 @@
 """Fixed sets of training phantoms: how many there are, that evaluation has others, and frames made once."""
 
+from dataclasses import replace
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from usbench.envs import frames
 from usbench.envs.tasks.random_phantoms import FIRST_HELD_OUT, PhantomDistribution
 from usbench.setting import Setting
 from usbench.trials.configuration import resolve
+from usbench.trials.evaluation import Evaluator
 
 
 def numbers(env, n=60):
@@ -77,3 +80,14 @@ def test_refuses_sets_that_cannot_be(task, n_phantoms, words):
 def test_an_environment_by_its_id_takes_a_set_too():
     env = gym.make("usbench/ProbePlaneRandom-v0", phantoms=PhantomDistribution((0,), (50,), (0, 90), count=2))
     assert set(numbers(env)) == {0, 1}
+
+
+def test_anchors_of_other_episodes_are_those_of_their_phantoms():
+    setting = Setting(task="pp-random", n_phantoms=1)
+    episodes = tuple(replace(one, phantom=0) for one in setting.evaluation_episodes())
+    target = setting.plain_env().phantoms.phantom(0).target
+    expected = setting.process(target).returns(tuple(one.start for one in episodes))
+    found = setting.anchors(episodes=episodes)
+    assert (found.optimal, found.random) == pytest.approx((expected.optimal, expected.random))
+    assert found.optimal != pytest.approx(setting.anchors().optimal)
+    assert [episode.phantom for episode in Evaluator(setting, episodes).episodes] == [0] * len(episodes)
