@@ -13,15 +13,17 @@ import numpy as np
 import pytest
 import torch
 from stable_baselines3 import PPO
+from stable_baselines3.common.vec_env import DummyVecEnv
 from state_files import read_state, write_state
 
 from usbench import records
 from usbench.agents import zoo
 from usbench.agents.vpg import VPG
 from usbench.records import ConfigurationError
-from usbench.setting import make_env
+from usbench.setting import Setting, make_env
 from usbench.trials import model_loading, runner
 from usbench.trials.configuration import resolve
+from usbench.trials.learning import make_agent
 
 
 class Evil:
@@ -195,6 +197,18 @@ def test_model_of_another_network_is_refused(finished):
 def test_model_of_another_task_or_algorithm_is_refused(quick, tmp_path):
     PPO("MlpPolicy", gym.make("CartPole-v1"), device="cpu").save(tmp_path / "cartpole.zip")
     assert "does not fit ppo on pp" in refusal(tmp_path / "cartpole.zip", algo="ppo", task="pp")
+
+
+def test_a_model_of_other_senses_is_refused_in_one_sentence(tmp_path):
+    told = Setting(task="pp", senses=("heading",))
+    settings = {**zoo.hyperparameters("dqn", "pp"), "buffer_size": 1}
+    make_agent(told, "dqn", DummyVecEnv([told.make_env]), 0, settings).save(tmp_path / "model.zip")
+    assert "does not fit dqn on pp: it has no" in refusal(tmp_path / "model.zip", algo="dqn", task="pp")
+    words = refusal(tmp_path / "model.zip", algo="dqn", task="pp-tracked")
+    assert "does not fit dqn on pp-tracked: q_net.features_extractor.joint.0.weight has shape" in words
+    assert words.endswith(
+        "after training with other senses than position, heading, or with other than 4 frames."
+    )
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf")])

@@ -122,6 +122,7 @@ def _load_weights(agent: BaseAlgorithm, file: Path, config: TrialConfig) -> None
     ) or next(
         (
             f"{name} has shape {tuple(tensors[name].shape)} instead of {tuple(own[name].shape)}"
+            + _why_other(tensors[name], own[name], config)
             for name in own
             if tensors[name].shape != own[name].shape
         ),
@@ -154,6 +155,14 @@ def _arrays(file: Path, limit: int, names: Iterable[str]) -> dict[str, torch.Ten
         ) from error
     copied = {name: name.replace("_net_target.", "_net.") for name in names if "_net_target." in name}
     return {**{name: tensors[source] for name, source in copied.items() if source in tensors}, **tensors}
+
+
+def _why_other(found: torch.Tensor, own: torch.Tensor, config: TrialConfig) -> str:
+    """Say what else an agent may have seen, where a layer has other inputs and as many outputs."""
+    if found.ndim < 2 or found.ndim != own.ndim or len(found) != len(own):
+        return ""
+    senses = ", ".join(config.environment.get("senses", ())) or "none"
+    return f", as after training with other senses than {senses}, or with other than {config.n_frames} frames"
 
 
 def _tensors(file: Path, limit: int) -> dict[str, torch.Tensor]:
