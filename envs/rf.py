@@ -26,10 +26,13 @@ from usbench.envs.field.response_table import BLOCK, ResponseTable, response_tab
 from usbench.envs.field.summation import N_FIR, N_PHASES, accumulate, delay_filters, merge
 from usbench.envs.probe import LinearArray
 from usbench.envs.threads import divided, in_parallel
+from usbench.waiting import announce
 
 _MAX_DISTANCE = 0.5
-# Pairs of line and scatterer that are summed directly: some 25 us each, where a table takes a second to make.
+# Pairs of line and scatterer that are summed directly; docs/physics.md says why so many.
 FEW_PAIRS = 2048
+# Pairs that a thread adds up in a second with a table, about (make bench-sim): said to those who wait.
+_PAIRS_PER_S = 5e6
 _FEWEST_SHARED = 8  # active elements: with fewer, the window's shift by an offset is not a small one
 
 
@@ -228,5 +231,8 @@ def _sum(
         )  # fmt: skip
         merge(sums, fir, margin, iq[part])
 
-    in_parallel(run, divided(len(lines)))
+    parts = divided(len(lines))
+    what = f"Summing {len(points)} scatterers for {len(lines)} lines"
+    announce(what, len(points) * len(lines) / len(parts) / _PAIRS_PER_S)
+    in_parallel(run, parts)
     return iq

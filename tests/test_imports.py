@@ -28,6 +28,7 @@ GROUND = (
     "usbench.coordinates",
     "usbench.seed_pools",
     "usbench.words",
+    "usbench.waiting",
     "usbench.released",
 )
 

@@ -25,6 +25,7 @@ from scipy import fft
 from usbench.envs.field.elevation import FAST_MATH
 from usbench.envs.probe import LinearArray
 from usbench.envs.threads import divided, in_parallel
+from usbench.waiting import Waiting
 
 Floats = npt.NDArray[np.float64]
 
@@ -65,6 +66,8 @@ def add_echoes(
         np.broadcast_to(array.apodization, active.shape)[:, np.newaxis],
         (np.hypot(from_line, focal_depth) - focal_depth)[:, np.newaxis],
     )
+    what = f"Summing {len(points)} scatterers directly for {len(lines)} lines"
+    waiting = Waiting(what, math.ceil(len(points) / _CHUNK))
     for start in range(0, len(points), _CHUNK):
         some, strengths = points[start : start + _CHUNK], amplitudes[start : start + _CHUNK]
         receive = _receiving(some, array, focal_depth, lines, from_line) or transmit
@@ -78,6 +81,7 @@ def add_echoes(
                     iq, some[which], strengths[which], array, elements, active[:, 0], transmit, heard,
                     begin[:, which], int(length), attenuation,
                 )  # fmt: skip
+        waiting.done()
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ from usbench.envs.field.two_way import orders_of
 from usbench.envs.field.waveforms import ROWS, Rows, tabulate
 from usbench.envs.probe import LinearArray
 from usbench.envs.threads import divided, in_parallel
+from usbench.waiting import Waiting
 from usbench.words import in_words
 
 BLOCK = SAMPLES  # waveforms are whole vectors long
@@ -132,7 +133,10 @@ def _made(
     receive = Receiving(beam, focal_depth, oversampling) if array.receives_apart else beam
     n_blocks = math.ceil((len(depths) - 1) / ROWS)
     shares = [depths[ROWS * part.start : ROWS * part.stop + 1] for part in divided(n_blocks)]
-    rows = chain.from_iterable(in_parallel(lambda share: tabulate(beam, receive, share, n_samples), shares))
+    what = f"Making the table of a probe's responses for the focal depth {1e3 * focal_depth:g} mm"
+    waiting = Waiting(what, n_blocks, len(shares))
+    parts = in_parallel(lambda share: tabulate(beam, receive, share, n_samples, waiting), shares)
+    rows = chain.from_iterable(parts)
     return _joined(orders_of(beam), depths[:-1], float(beam.u[1]), list(rows))
 
 

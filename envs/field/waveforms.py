@@ -12,6 +12,7 @@ from scipy import fft
 from usbench.envs.field.aperture import Aperture, Beam, Floats, Spectra
 from usbench.envs.field.elevation import FAST_MATH
 from usbench.envs.field.two_way import Responses, power_of, responses
+from usbench.waiting import Waiting
 
 # What is left out at the ends of a waveform, of the energy at its point and of the largest at its depth.
 _ENERGY_CUT, _DEPTH_CUT = 2e-3, 2e-5
@@ -35,7 +36,7 @@ class Rows:
     farther: npt.NDArray[np.float32]
 
 
-def tabulate(beam: Aperture, receive: Beam, depths: Floats, n_samples: int) -> list[Rows]:
+def tabulate(beam: Aperture, receive: Beam, depths: Floats, n_samples: int, waiting: Waiting) -> list[Rows]:
     """Return the waveforms of every order at all `depths` but the last, ROWS depths at a time.
 
     Cells lean on the depth below them too: the deepest are made first, so that it is known.
@@ -47,6 +48,7 @@ def tabulate(beam: Aperture, receive: Beam, depths: Floats, n_samples: int) -> l
         here = responses(beam, receive, rows[:-1], n_samples, below)
         result.insert(0, _waveforms(beam, rows, here, n_samples))
         below = here.top
+        waiting.done()
     return result
 
 

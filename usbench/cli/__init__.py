@@ -2,6 +2,7 @@
 
 import argparse
 import contextlib
+import logging
 import os
 import signal
 import sys
@@ -90,7 +91,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except SystemExit as exit_:
         return int(exit_.code or 0)
     try:
-        with _terminable(), _own_modules():
+        with _terminable(), _own_modules(), _telling(quiet=getattr(args, "quiet", False)):
             args.call(args)
             sys.stdout.flush()
     except KeyboardInterrupt:
@@ -121,6 +122,31 @@ def _parsed(argv: Sequence[str] | None) -> argparse.Namespace:
     if rest:
         commands[args.command].refuse(rest)
     return args
+
+
+@contextlib.contextmanager
+def _telling(quiet: bool) -> Iterator[None]:
+    """Write to the standard error what takes long and how long, unless the command is `quiet`."""
+    log = logging.getLogger("usbench.waiting")
+    handler, level = _BesideBars(), log.level
+    if not quiet:
+        log.addHandler(handler)
+        log.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        log.removeHandler(handler)
+        log.setLevel(level)
+
+
+class _BesideBars(logging.Handler):
+    """Messages on lines between bars of progress."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write one."""
+        from tqdm import tqdm
+
+        tqdm.write(self.format(record), file=sys.stderr)
 
 
 @contextlib.contextmanager

@@ -1,0 +1,51 @@
+"""Work that people wait for: what takes long says what it is, and how long it will take, through `logging`.
+
+A library stays silent unless it is asked: `logging.basicConfig(level=logging.INFO)` shows the messages. The
+command line writes them to the standard error.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+
+LONG_S = 2.0
+# Of the work's first parts: so long is measured before an estimate is made.
+_MEASURED_S = 0.25
+
+log = logging.getLogger(__name__)
+
+
+class Waiting:
+    """Work in parts that take about equally long, which is told of once if it takes longer than LONG_S."""
+
+    def __init__(self, what: str, n_parts: int, at_once: int = 1) -> None:
+        """Start now.
+
+        Args:
+            what: What is done, as the beginning of a sentence.
+            n_parts: Number of parts.
+            at_once: How many of them are done side by side.
+        """
+        self._what, self._n_parts, self._at_once = what, n_parts, at_once
+        self._n_done, self._told = 0, False
+        self._lock = threading.Lock()
+        self._start = time.perf_counter()
+
+    def done(self) -> None:
+        """One more part is done: estimate the whole, and tell of it if that is long."""
+        with self._lock:
+            self._n_done += 1
+            elapsed = time.perf_counter() - self._start
+            if self._told or elapsed < _MEASURED_S or self._n_done < self._at_once:
+                return
+            self._told = True
+            if self._n_done < self._n_parts:
+                announce(self._what, elapsed * self._n_parts / self._n_done)
+
+
+def announce(what: str, seconds: float) -> None:
+    """Tell what is done and how long it will take altogether, if that is longer than LONG_S."""
+    if seconds > LONG_S:
+        log.info("%s: some %.2g s.", what, seconds)
