@@ -15,8 +15,18 @@ $(STAMP): pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --disable-pip-version-check --quiet -c constraints.txt -e '.[dev]'
 	@touch $@
 
-run: $(STAMP)  ## train the paper's agent on the probe-plane task and show what it learnt
+# What running needs, without the tools of development; whoever has these has it already.
+$(VENV)/.running: pyproject.toml constraints.txt
+	@echo "installing usbench with PyTorch, Stable-Baselines3, Numba and 50 other packages into $(VENV): 1.5 GB there with"
+	@echo "PyTorch's CPU build (README), some 7 GB with CUDA's libraries; minutes, as the network allows. Nothing else changes."
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --disable-pip-version-check -c constraints.txt -e '.[guide]'
+	@touch $@
+
+run: $(if $(wildcard $(STAMP)),$(STAMP),$(VENV)/.running)  ## train the paper's agent on the probe-plane task and show what it learnt
+	@echo "training takes 2 to 5 minutes on one core; Ctrl-C keeps what is done, and make run goes on from there."
 	$(BIN)/usbench run --algo vpg --task pp
+	@echo "usbench is $(BIN)/usbench here."
 
 # One process per core and one thread per process: more threads would wait for each other.
 test: $(STAMP)  ## run the tests (without the slow ones)

@@ -1,7 +1,8 @@
 """How long the guide's page takes from a key to the new frame, in a headless Chromium; and a picture of it.
 
-Run `python benchmarks/guide.py TRIAL [--picture docs/guide.png]`. The time counts from the key's event to the
-second refresh of the page after the new frame was drawn: by then the screen has shown the frame.
+Run `python benchmarks/guide.py best:pp [--picture docs/guide.png]`, or with the folder of a trial. The time
+counts from the key's event to the second refresh of the page after the new frame was drawn: by then the
+screen has shown the frame.
 """
 
 import argparse

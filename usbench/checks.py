@@ -175,3 +175,8 @@ def unknown(what: str, name: object, allowed: Collection[str]) -> ValueError:
 
 def _refused(name: str, value: object, allowed: str) -> str:
     return f"{name} must be {allowed}, not {reprlib.repr(value)}."
+
+
+def install(extra: str) -> str:
+    """Return the command that installs what an extra of the package needs, elsewhere and in a clone."""
+    return f"pip install 'usbench[{extra}]' (in a clone: pip install -e '.[{extra}]')"

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from usbench.checks import install
 from usbench.envs.anatomy import nifti
 from usbench.envs.anatomy.volume import Volume
 
@@ -72,9 +73,7 @@ def _simple_itk() -> Any:
     try:
         import SimpleITK
     except ImportError:
-        raise ModuleNotFoundError(
-            "reading a volume needs SimpleITK: pip install 'usbench[anatomy]'."
-        ) from None
+        raise ModuleNotFoundError(f"reading a volume needs SimpleITK: {install('anatomy')}.") from None
     return SimpleITK
 
 

@@ -67,3 +67,30 @@ def test_exploration_is_no_row_of_scores(quick, tmp_path):
 def test_steps_that_are_not_learned_from_are_told(algo, steps, said):
     config = resolve(algo, "pp", steps=steps)
     assert trial_output.not_learned(config) == said
+
+
+def test_a_line_in_a_pipe_says_how_long_the_training_goes_on(monkeypatch, capsys):
+    clock = iter([100.0, 130.0, 400.0])
+    monkeypatch.setattr(trial_output.time, "monotonic", lambda: next(clock))
+    bars = trial_output.Bars()
+    bars.evaluated(0, -19.9, 0.05)
+    bars.training(16, 1016, -19.0, 0.1)  # at 100 s
+    bars.training(116, 1016, -18.0, 0.2)
+    bars.evaluated(116, -18.0, 0.2)  # at 130 s: 100 steps in 30 s, 900 to go
+    bars.training(1016, 1016, -5.0, 0.9)
+    bars.evaluated(1016, -5.0, 0.9)
+    first, second, last = capsys.readouterr().err.splitlines()
+    assert first.endswith("score 0.05") and last.endswith("score 0.90")
+    assert second.endswith("score 0.20, about 4 min to go")
+
+
+@pytest.mark.parametrize(("seconds", "said"), [(3, "about 10 s"), (44, "about 40 s"), (170, "about 3 min")])
+def test_durations_in_words(seconds, said):
+    assert trial_output.duration(seconds) == said
+
+
+def test_a_trial_ends_with_the_next_two_commands(finished, capsys):
+    trial_output.print_trial(finished, {})
+    *_, first, second = capsys.readouterr().out.splitlines()
+    assert first.split(None, 1) == ["next:", f"usbench watch {finished}"]
+    assert second.strip() == f"usbench guide {finished}"

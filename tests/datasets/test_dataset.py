@@ -116,7 +116,7 @@ def test_a_data_set_that_is_there_is_never_overwritten(place, capsys):
 
 def test_without_minari_one_sentence_says_what_to_install(monkeypatch):
     monkeypatch.setattr("usbench.datasets.minari_files.find_spec", lambda _: None)
-    with pytest.raises(ConfigurationError, match=r"pip install usbench\[minari\]"):
+    with pytest.raises(ConfigurationError, match=r"pip install 'usbench\[minari\]' \(in a clone"):
         minari_files.check_installed()
 
 

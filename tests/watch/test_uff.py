@@ -90,5 +90,5 @@ def test_the_file_is_hdf5_as_ustb_lays_it_out(tmp_path, monkeypatch, capsys):
 
 def test_without_the_package_one_sentence_says_what_to_install(monkeypatch, tmp_path):
     monkeypatch.setattr("usbench.watch.uff.find_spec", lambda name: None)
-    with pytest.raises(ConfigurationError, match=r"pip install usbench\[uff\]"):
+    with pytest.raises(ConfigurationError, match=r"pip install 'usbench\[uff\]'"):
         snapshot_files.path(tmp_path / "a.uff", "rf", Source(), POSE)

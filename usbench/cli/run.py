@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from usbench.cli.arguments import GOES_ON, add_probe_and_imaging, number, probe_and_imaging, setting
 from usbench.cli.phantom import add_phantom, custom_anatomy
+
+if TYPE_CHECKING:
+    from usbench.records import Trial, TrialConfig
 
 EXAMPLES = """examples:
   usbench run --algo vpg --task pp
@@ -106,16 +110,14 @@ def _call(args: argparse.Namespace) -> None:
         preset=args.preset,
         overrides=dict(args.set),
     )
+    trial = _begin(config, args)
     # Now, as these take seconds: what is refused has been refused.
     from usbench.cli.output import trial_output
     from usbench.figures import learning_curve
-    from usbench.records import Trial
     from usbench.trials import callback, runner, wandb_run
     from usbench.watch import replay
 
     progress: callback.Progress = callback.Silent() if args.quiet else trial_output.Bars()
-    folder = args.out / config.folder_name
-    trial = Trial.find(folder)
     follow = args.wandb and (args.overwrite or trial is None or trial.status != "finished")
     try:
         with wandb_run.followed(config) if follow else contextlib.nullcontext():
@@ -133,3 +135,23 @@ def _call(args: argparse.Namespace) -> None:
         "replay": replay.write_gif(result.folder),
     }
     trial_output.print_trial(result.folder, comparison)
+
+
+def _begin(config: TrialConfig, args: argparse.Namespace) -> Trial | None:
+    """Say what is going to be done, within a second; return the trial as it stands, None if there is none.
+
+    Raises:
+        ConfigurationError: If the folder for trials cannot be written.
+    """
+    from usbench import records
+
+    try:
+        args.out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise records.unwritable(args.out, error) from error
+    trial = records.Trial.find(args.out / config.folder_name)
+    if not args.quiet and (args.overwrite or trial is None or trial.status != "finished"):
+        how = f"{config.steps} training steps" if config.steps else "evaluation alone"
+        told = f"{config.title}: {how}; frames that are not kept are simulated first"
+        print(told, file=sys.stderr, flush=True)
+    return trial

@@ -20,6 +20,7 @@ from urllib.parse import urlsplit
 
 from usbench import records
 from usbench.atomic import atomic_file
+from usbench.checks import install
 from usbench.records import ConfigurationError, TrialConfig
 from usbench.trials import configuration
 from usbench.trials.callback import Silent
@@ -156,7 +157,7 @@ def _connect(address: str) -> Any:
         import distributed
     except ImportError as error:
         raise ConfigurationError(
-            "trials on a cluster need Dask, which is not installed: pip install 'usbench[dask]'."
+            f"trials on a cluster need Dask, which is not installed: {install('dask')}."
         ) from error
     # Before Dask sees it: a client that cannot read its address is never quite closed.
     if not _is_address(address):

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from usbench import records
 from usbench.anchors import Anchors
 from usbench.atomic import atomic_file, atomic_path
-from usbench.checks import ConfigurationError, check_seed, whole_number
+from usbench.checks import ConfigurationError, check_seed, install, whole_number
 from usbench.datasets import card, episodes
 from usbench.datasets.episodes import Played
 from usbench.setting import Setting
@@ -34,7 +34,7 @@ MAX_EPISODES = 1_000_000
 def check_installed() -> None:
     """Raise ConfigurationError if Minari is missing."""
     if find_spec("minari") is None:
-        raise ConfigurationError("data sets are written by Minari: pip install usbench[minari].")
+        raise ConfigurationError(f"data sets are written by Minari: {install('minari')}.")
 
 
 def write(

@@ -17,7 +17,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from usbench.checks import ConfigurationError, whole_number
+from usbench.checks import ConfigurationError, install, whole_number
 from usbench.guide.desk import Desk, Stale, Tell, Work
 
 try:
@@ -32,7 +32,7 @@ try:
 
     from usbench.guide.access import Refused, body, check_sender, new_token, redirection
 except ImportError:
-    raise ConfigurationError("a guide needs Starlette and uvicorn: pip install 'usbench[guide]'.") from None
+    raise ConfigurationError(f"a guide needs Starlette and uvicorn: {install('guide')}.") from None
 
 if TYPE_CHECKING:
     from usbench.guide.session import Session

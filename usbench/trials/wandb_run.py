@@ -4,6 +4,7 @@ import contextlib
 from collections.abc import Iterator
 from dataclasses import asdict
 
+from usbench.checks import install
 from usbench.records import ConfigurationError, TrialConfig
 
 PROJECT = "usbench"
@@ -20,7 +21,7 @@ def followed(config: TrialConfig) -> Iterator[None]:
         import wandb
     except ImportError:
         raise ConfigurationError(
-            "to follow a trial needs Weights & Biases, which is not installed: pip install 'usbench[wandb]'."
+            f"to follow a trial needs Weights & Biases, which is not installed: {install('wandb')}."
         ) from None
     try:
         run = wandb.init(

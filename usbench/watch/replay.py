@@ -61,9 +61,9 @@ def action_names(setting: Setting) -> list[str]:
 
 
 def write_gif(folder: Path) -> Path:
-    """Write `replay.gif` of the trial's typical evaluation episode into its folder and return the path."""
+    """Write `replay.gif` of a trial into its folder: its typical evaluation episode with greedy actions."""
     trial = Trial.read(folder)
-    setting, record = Setting.recorded(trial.config), typical(trial.last_evaluation(deterministic=False))
+    setting, record = Setting.recorded(trial.config), typical(trial.last_evaluation(deterministic=True))
     names, steps = action_names(setting), len(record["actions"])
     moments = play(setting, int(record["eval_episode"]), record["actions"])
     film.write(folder / REPLAY, [film.page(moment, steps, names) for moment in moments])

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from usbench.atomic import atomic_file
+from usbench.checks import install
 from usbench.envs.settings import tuned
 from usbench.records import ConfigurationError
 
@@ -30,7 +31,7 @@ LOCATION = "b_data"
 def check_installed() -> None:
     """Raise ConfigurationError if the package that writes these files is missing."""
     if find_spec("pyuff_ustb") is None:
-        raise ConfigurationError("a .uff file is written by pyuff_ustb: pip install usbench[uff].")
+        raise ConfigurationError(f"a .uff file is written by pyuff_ustb: {install('uff')}.")
 
 
 def write(taken: Snapshot, path: Path) -> None:

@@ -1,6 +1,7 @@
 """What a person sees in the terminal: progress while a trial runs, a table and paths when it has ended."""
 
 import sys
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -55,6 +56,9 @@ class Bars:
         self._bar: Any = None
         self._name = ""
         self._quarter = 0
+        # When the training began, at which step, and at which of how many steps it is.
+        self._begun: tuple[float, int] | None = None
+        self._now = (0, 0)
 
     def frames(self, done: int, total: int) -> None:
         """`done` of `total` frames are simulated."""
@@ -66,16 +70,29 @@ class Bars:
 
     def training(self, step: int, steps: int, mean_return: float, score: float) -> None:
         """Training is at `step` of `steps`; mean return and normalised score of the last episodes."""
+        if self._begun is None:
+            self._begun = time.monotonic(), step
+        self._now = step, steps
         if self._live:
             self._show("training", step, steps, "step", f"return {mean_return:.2f}, score {score:.2f}")
 
     def evaluated(self, step: int, mean_return: float, score: float) -> None:
         """The agent was evaluated at `step`; mean return and score of its greedy actions."""
-        line = f"step {step}: evaluation return {mean_return:.2f}, normalised score {score:.2f}"
+        line = (
+            f"step {step}: evaluation return {mean_return:.2f}, normalised score {score:.2f}{self._to_go()}"
+        )
         if self._live:
             tqdm.write(line, file=sys.stderr)
         else:
             print(line, file=sys.stderr, flush=True)
+
+    def _to_go(self) -> str:
+        """Return in words how long the training goes on, as it went so far; empty where nobody knows."""
+        step, steps = self._now
+        if self._begun is None or step <= self._begun[1] or step >= steps:
+            return ""
+        each = (time.monotonic() - self._begun[0]) / (step - self._begun[1])
+        return f", {duration(each * (steps - step))} to go"
 
     def stopping(self) -> None:
         """Somebody has asked for the end, which comes before the next rollout."""
@@ -146,6 +163,17 @@ def print_trial(folder: Path, figures: dict[str, Path]) -> None:
     # Plain prints: a path must not be wrapped.
     for name, path in {"trial folder": folder, **figures}.items():
         print(f"{name + ':':<16}{path}")
+    print(f"{'next:':<16}usbench watch {folder}")
+    # The guide shows tasks that move the probe.
+    moves = "final_distance_mm" not in row_of(Trial.read(folder).config.task).silent
+    print(f"{'':<16}usbench {'guide' if moves else 'report'} {folder}")
+
+
+def duration(seconds: float) -> str:
+    """Return about how long that is, in words: "about 40 s", "about 3 min"."""
+    return (
+        f"about {max(10 * round(seconds / 10), 10)} s" if seconds < 95 else f"about {round(seconds / 60)} min"
+    )
 
 
 def not_learned(config: TrialConfig) -> str:
