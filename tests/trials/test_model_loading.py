@@ -203,12 +203,9 @@ def test_a_model_of_other_senses_is_refused_in_one_sentence(tmp_path):
     told = Setting(task="pp", senses=("heading",))
     settings = {**zoo.hyperparameters("dqn", "pp"), "buffer_size": 1}
     make_agent(told, "dqn", DummyVecEnv([told.make_env]), 0, settings).save(tmp_path / "model.zip")
-    assert "does not fit dqn on pp: it has no" in refusal(tmp_path / "model.zip", algo="dqn", task="pp")
     words = refusal(tmp_path / "model.zip", algo="dqn", task="pp-tracked")
     assert "does not fit dqn on pp-tracked: q_net.features_extractor.joint.0.weight has shape" in words
-    assert words.endswith(
-        "after training with other senses than position, heading, or with other than 4 frames."
-    )
+    assert "after training with other senses than position, heading, or with other than 4 frames" in words
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf")])
