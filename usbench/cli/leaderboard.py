@@ -72,11 +72,9 @@ def _call(args: argparse.Namespace) -> None:
     known = tables.read(folder)
     if args.search is not None:
         searched.write(searched.gather(args.search), folder)
-    for path in [
-        *leaderboard.write(folder, args.leaderboard),
-        *comparison.write(known, folder),
-        *tuning.write(folder, folder),
-    ]:
+    # First: the page shows those that there are.
+    figures = [*comparison.write(known, folder), *tuning.write(folder, folder)]
+    for path in [*leaderboard.write(folder, args.leaderboard), *figures]:
         print(path)
 
 

@@ -40,4 +40,6 @@ def report(planned: Sequence[TrialConfig], out: Path, path: Path) -> list[Path]:
     folder = leaderboard.prepare(path)
     known = tables.collect(out, planned)
     tables.write(known, folder)
-    return [*leaderboard.write(folder, path), *comparison.write(known, folder)]
+    # First: the page shows those that there are.
+    figures = comparison.write(known, folder)
+    return [*leaderboard.write(folder, path), *figures]

@@ -13,6 +13,7 @@ from usbench.checks import ConfigurationError
 from usbench.results import agents
 from usbench.results.protocol import further
 from usbench.results.tables import ORDER, Results
+from usbench.results.text import code
 
 # Names of trials whose evaluations were played again and came out otherwise, or which could not be checked.
 UNVERIFIED = "unverified.txt"
@@ -118,10 +119,11 @@ def marked(text: str, known: Results, names: Collection[str]) -> str:
     own = agents.named(known.trials)
     own = own[own["trial"].isin(list(names))]
     for agent in sorted(set(own["agent"])):
-        text = re.sub(rf"^\| `{re.escape(agent)}` \|", f"| `{agent}` ({MARK}) |", text, flags=re.MULTILINE)
+        shown = code(agent)
+        text = re.sub(rf"^\| {re.escape(shown)} \|", f"| {shown} ({MARK}) |", text, flags=re.MULTILINE)
     if own.empty:
         return text
-    listed = ", ".join(f"`{name}`" for name in sorted(own["trial"]))
+    listed = ", ".join(map(code, sorted(own["trial"])))
     return (
         f"{text}\nRows that are {MARK} hold trials whose recorded actions do not give their recorded "
         f"returns, or which could not be checked (`usbench submit`): {listed}.\n"

@@ -1,5 +1,6 @@
 """Results in, `leaderboard.md` and `scores.csv` out: same results, same bytes."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
@@ -27,14 +28,16 @@ from usbench.tasks import row_of
 
 SCORES = "scores.csv"
 # Title, column of `scores.cells`, factor, digits.
-COLUMNS = (
-    ("return", "return", 1, 2),
-    ("final distance (mm)", "final_distance_mm", 1, 1),
-    ("plane error (deg)", "plane_error_deg", 1, 1),
-    ("success (%)", "success_rate", 100, 0),
-    ("steps to goal", "steps_to_goal", 1, 1),
-    ("area under curve", "area_under_curve", 1, 3),
+COLUMNS = (("return", "return", 1, 2), ("success (%)", "success_rate", 100, 0))
+# Names of figures that stand on the page, where they are drawn, and what they show.
+FIGURES = (
+    ("scores", "Score of every agent in every cell of the paper's tasks, with its interval"),
+    ("learning_curves", "Score over training steps on the paper's tasks, with its interval"),
+    ("other_scores", "Score of every agent in the other tasks, with its interval"),
 )
+MEASURES = f"""\
+Tables of single cells have the score with greedy and with sampled actions, the return and the success;
+`{SCORES}` has distance, plane error, steps to goal, area under the curve and training time, too."""
 
 READING = """\
 The normalised score is (return - random) / (optimal - random), with exact anchors: 0 is a random agent, 1
@@ -87,7 +90,13 @@ def write(folder: Path, path: Path) -> list[Path]:
     table = scores.cells(known).round(tables.DECIMALS).to_csv(index=False, lineterminator="\n")
     written = {
         path: additions.marked(
-            markdown(known, held_out.read(folder), studies.read(folder), tuning.read(folder)),
+            markdown(
+                known,
+                held_out.read(folder),
+                studies.read(folder),
+                tuning.read(folder),
+                _figures(folder, path),
+            ),
             known,
             additions.unverified(folder),
         ),
@@ -104,16 +113,19 @@ def markdown(
     tested: pd.DataFrame | None = None,
     studied: pd.DataFrame | None = None,
     searched: pd.DataFrame | None = None,
+    figures: Sequence[str] = (),
 ) -> str:
     """Return the leaderboard as Markdown.
 
-    The others are what `held_out`, `studies` and `tuning` read; None where there is nothing.
+    The others are what `held_out`, `studies` and `tuning` read, None where there is nothing; `figures` are
+    links to pictures.
     """
-    parts, notes = ["# Leaderboard", verdict.text(known, tested), READING], []
+    reading = text.folded("How to read the numbers", f"{READING}\n{MEASURES}")
+    parts, notes = ["# Leaderboard", verdict.text(known, tested), *figures, reading], []
     for name, own in scores.parts(known).items():
         parts += together.sections(own, name, ranking.improvement(scores.learners(own)))
         notes += [
-            f"`{agent}` is not in the table of {name}: {why}."
+            f"{text.code(agent)} is not in the table of {name}: {why}."
             for agent, why in sorted(scores.matrices(own)[1].items())
         ]
     rows = scores.cells(known)
@@ -130,8 +142,18 @@ def markdown(
         parts += ["## How hard each is to tune", tuning.section(searched)]
     parts += ["## How this was made", provenance.making(known.trials)]
     if notes:
-        parts += ["## Notes", "\n".join(f"* {note}" for note in notes)]
+        listed = "\n".join(f"* {note}" for note in notes)
+        parts += ["## Notes", text.folded(f"Notes ({len(notes)})", listed)]
     return "\n\n".join(parts) + "\n"
+
+
+def _figures(folder: Path, path: Path) -> list[str]:
+    """Return links from the leaderboard `path` to those figures that are drawn in `folder`."""
+    return [
+        f"![{words}]({files(path).name}/{name}.png)"
+        for name, words in FIGURES
+        if (folder / f"{name}.png").is_file()
+    ]
 
 
 def _studies(studied: pd.DataFrame) -> str:
@@ -184,13 +206,11 @@ def _cell(rows: pd.DataFrame) -> str:
                     DASH if name in row_of(row["task"]).silent else text.number(scale * row[name], digits)
                     for _, name, scale, digits in COLUMNS
                 ),
-                DASH if row["fixed"] else text.number(row["training_minutes"], 1),
             ]
         )
     numbers = [title for title, *_ in COLUMNS]
-    return text.table(
-        ["agent", "seeds", "score, greedy", "score, sampled", *numbers, "training (CPU min)"], lines
-    )
+    shown = text.table(["agent", "seeds", "score, greedy", "score, sampled", *numbers], lines)
+    return text.folded(f"Scores ({len(lines)} rows)", shown)
 
 
 def _unseen(table: pd.DataFrame) -> str:

@@ -9,9 +9,11 @@ from usbench import seed_pools
 from usbench.results.agents import named
 from usbench.results.protocol import further
 from usbench.results.scores import CELL, Cell, cells_of, environments
+from usbench.results.text import code
 from usbench.tasks import row_of
 
 NAMED = 3
+OTHER = "other settings"
 STATUS_WORDS = {
     "missing": "has not been run",
     "running": "is running or was killed",
@@ -96,7 +98,7 @@ def _unfinished(trials: pd.DataFrame) -> list[str]:
             + (f" ({' '.join(row.reason.split())})" if row.reason else "")
             for row in rows.itertuples()
         ]
-        found.append(f"`{algo}` on {Cell(*cell).name}: {', '.join(seeds)}.")
+        found.append(f"{code(algo)} on {Cell(*cell).name}: {', '.join(seeds)}.")
     return found
 
 
@@ -113,11 +115,11 @@ def _configurations(trials: pd.DataFrame) -> list[str]:
         ).astype(str)
         differing = settings.loc[:, settings.nunique() > 1]
         each = [
-            f"`{name}` has " + (", ".join(f"{key}={value}" for key, value in row.items()) or "other settings")
+            f"{code(name)} has {', '.join(f'{key}={value}' for key, value in row.items()) or OTHER}"
             for name, row in differing.iterrows()
         ]
         found.append(
-            f"`{algo}` on {Cell(*cell).name} ran in {len(variants)} configurations, each in a row "
+            f"{code(algo)} on {Cell(*cell).name} ran in {len(variants)} configurations, each in a row "
             f"of its own: {'; '.join(each)}."
         )
     return found
@@ -206,6 +208,6 @@ def _counted(values: pd.Series) -> str:
     groups = sorted(values.groupby(values), key=lambda group: (-len(group[1]), group[0]))
     texts = [f"{groups[0][0]} in {len(groups[0][1])}"]
     for value, trials in groups[1:]:
-        names = [f"`{name}`" for name in trials.index[:NAMED]] + ["..."] * (len(trials) > NAMED)
+        names = [code(str(name)) for name in trials.index[:NAMED]] + ["..."] * (len(trials) > NAMED)
         texts.append(f"{value} in {len(trials)} ({', '.join(names)})")
     return ", ".join(texts)

@@ -6,6 +6,8 @@ from typing import Any
 import pandas as pd
 
 DASH = "–"
+# What needs no escape within HTML or Markdown, beside letters and digits.
+PLAIN = " =.,:;-+/"
 
 
 def number(value: Any, digits: int) -> str:
@@ -25,14 +27,21 @@ def bounds(low: float, high: float, digits: int = 3) -> str:
     return DASH if pd.isna(low) else f"[{number(low, digits)}, {number(high, digits)}]"
 
 
+def code(name: str) -> str:
+    """Return a name as code; with a bar, a backtick or HTML it stays within its cell of a table, too."""
+    if not set(name) & set("|`<>&\n\r"):
+        return f"`{name}`"
+    return f"<code>{''.join(c if c.isalnum() or c in PLAIN else f'&#{ord(c)};' for c in name)}</code>"
+
+
 def agent(name: str, learns: bool) -> str:
     """Return the name of an agent in a table."""
-    return f"`{name}`" if learns else f"`{name}` (not learned)"
+    return code(name) if learns else f"{code(name)} (not learned)"
 
 
 def names(agents: Sequence[str]) -> str:
     """Return names in a row: "`a`, `b` and `c`"."""
-    quoted = [f"`{one}`" for one in agents]
+    quoted = [code(one) for one in agents]
     return quoted[0] if len(quoted) == 1 else f"{', '.join(quoted[:-1])} and {quoted[-1]}"
 
 
@@ -45,3 +54,8 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Return a Markdown table; columns after the first are aligned to the right."""
     lines = [head, ["---", *["---:"] * (len(head) - 1)], *rows]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def folded(summary: str, body: str) -> str:
+    """Return Markdown that is folded under a summary of plain words."""
+    return f"<details>\n<summary>{summary}</summary>\n\n{body}\n\n</details>"

@@ -9,7 +9,7 @@ from usbench.results import ranking, scores, stats
 from usbench.results.agents import named
 from usbench.results.protocol import further
 from usbench.results.tables import Results
-from usbench.results.text import DASH, agent, bounds, capital, interval, number, table
+from usbench.results.text import DASH, agent, bounds, capital, code, folded, interval, number, table
 
 
 def sections(own: Results, name: str, pairs: pd.DataFrame) -> list[str]:
@@ -30,8 +30,14 @@ def sections(own: Results, name: str, pairs: pd.DataFrame) -> list[str]:
     elif matrices:
         found += [f"## {capital(name)} together", overall(own.trials, matrices)]
     if len(learners) > 1:
-        found += [f"## Probability of improvement{where}", improvement(list(learners), pairs)]
-        found += [f"## Stability of ranks{where}", stability(learners)]
+        found += [
+            f"## Probability of improvement{where}",
+            folded("Each agent beside each", improvement(list(learners), pairs)),
+        ]
+        found += [
+            f"## Stability of ranks{where}",
+            folded("Ranks without single cells and seeds", stability(learners)),
+        ]
     return found
 
 
@@ -72,7 +78,7 @@ def improvement(agents: list[str], pairs: pd.DataFrame) -> str:
         for other in agents:
             mark = "**" if {(one, other), (other, one)} & sure else ""
             cells.append(DASH if one == other else f"{mark}{number(chances[one, other], 2)}{mark}")
-        rows.append([f"`{one}`", *cells])
+        rows.append([code(one), *cells])
     level = ranking.corrected_level(len(agents))
     n_pairs = len(agents) * (len(agents) - 1) // 2
     many = "" if n_pairs == 1 else f", which is 1 - 0.05 / {n_pairs} for {n_pairs} pairs,"
@@ -80,8 +86,7 @@ def improvement(agents: list[str], pairs: pd.DataFrame) -> str:
         "How likely a trial of the row's agent has a higher score than one of the column's in a cell, ties "
         f"counting half; bold where the {100 * level:.4g} % interval{many} leaves out one half: there alone "
         f"one agent lies above the other ({ranking.N_RESAMPLES} resamples). Agents with fewer than "
-        f"{ranking.MIN_SEEDS} seeds are not compared.\n\n"
-        + table(["", *(f"`{one}`" for one in agents)], rows)
+        f"{ranking.MIN_SEEDS} seeds are not compared.\n\n" + table(["", *map(code, agents)], rows)
     )
 
 
@@ -89,7 +94,7 @@ def stability(finals: Mapping[str, pd.DataFrame]) -> str:
     """Return the table of ranks, and what becomes of them when cells or seeds are left out."""
     rows = [
         [
-            f"`{row.agent}`",
+            code(str(row.agent)),
             str(row.rank),
             _ranks(row.cells_best, row.cells_worst),
             _ranks(row.seeds_best, row.seeds_worst),

@@ -11,7 +11,7 @@ import pandas as pd
 from usbench.results import held_out, ranking, scores
 from usbench.results.agents import named
 from usbench.results.tables import Results
-from usbench.results.text import capital, interval, names
+from usbench.results.text import capital, code, interval, names
 from usbench.tasks import PAPER, row_of
 
 PAPERS_OWN = "vpg"
@@ -122,7 +122,7 @@ def _first_look(table: pd.DataFrame, reasons: list[str], where: str) -> str:
         own = f", that of the paper's vanilla policy gradient (`{PAPERS_OWN}`) is {ranked.score(PAPERS_OWN)}"
     return (
         f"a first look and no ranking: {' and '.join(reasons)}. The highest score over {where} is that of "
-        f"`{best}`, {ranked.score(best)} {SCALE}{own}; {OPEN}."
+        f"{code(best)}, {ranked.score(best)} {SCALE}{own}; {OPEN}."
     )
 
 
@@ -131,8 +131,8 @@ def _highest(ranked: _Ranked, where: str) -> str:
     seeds = int(ranked.table.loc[best, "seeds"])
     score = f"{ranked.score(best)} over {where} with {seeds} seeds {SCALE}"
     if not others:
-        return f"only `{best}` has enough finished trials in every cell, with {score}."
-    return f"`{best}` has the highest score, {score}; {ranked.beside(others, best)}."
+        return f"only {code(best)} has enough finished trials in every cell, with {score}."
+    return f"{code(best)} has the highest score, {score}; {ranked.beside(others, best)}."
 
 
 def _against_the_papers_own(ranked: _Ranked) -> list[str]:
@@ -153,7 +153,7 @@ def _against_the_papers_own(ranked: _Ranked) -> list[str]:
     pair = ranked.pairs.set_index(["agent", "other"]).loc[(others[0], PAPERS_OWN)]
     chance = interval(pair["probability"], pair["sure_low"], pair["sure_high"], 2)
     sentences = [
-        f"{verdict}: {ranked.beside(others, PAPERS_OWN)}; a trial of `{others[0]}` beats one of "
+        f"{verdict}: {ranked.beside(others, PAPERS_OWN)}; a trial of {code(others[0])} beats one of "
         f"`{PAPERS_OWN}` with probability {chance}."
     ]
     if PAPERS_OWN_TUNED in agents:
@@ -181,6 +181,7 @@ def _phantoms(own: Results, tested: pd.DataFrame | None) -> list[str]:
         low, high = rows.iloc[0], rows.iloc[-1]
         clauses.append(
             f"agents with {rows['there'].min():.2f} to {rows['there'].max():.2f} on `{task}` have "
-            f"{low['elsewhere']:.2f} (`{low['agent']}`) to {high['elsewhere']:.2f} (`{high['agent']}`)"
+            f"{low['elsewhere']:.2f} ({code(low['agent'])}) to "
+            f"{high['elsewhere']:.2f} ({code(high['agent'])})"
         )
     return [f"{here}: on phantoms never seen, {', and '.join(clauses)}."]

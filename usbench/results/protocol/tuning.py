@@ -17,7 +17,7 @@ from usbench.checks import ConfigurationError
 from usbench.records.journal import read_rows
 from usbench.results import stats
 from usbench.results.scores import BOOTSTRAP_SEED
-from usbench.results.text import DASH, interval, names, number, table
+from usbench.results.text import DASH, code, interval, names, number, table
 
 TABLE = "tuning.csv"
 # `score` is empty where the training diverged.
@@ -119,7 +119,7 @@ def _words(row: str, scores: stats.Array) -> list[str]:
     ends = np.percentile(np.where(diverged, DIVERGED, scores), [0, 25, 50, 75, 100])
     best = expected(scores)
     return [
-        f"`{row}`",
+        code(str(row)),
         str(len(scores)),
         str(diverged.sum()),
         " / ".join(number(each, 2) for each in ends),
