@@ -51,10 +51,14 @@ def collapsing(n_seeds: int, generator: np.random.Generator) -> Array:
     return np.where(generator.random(fine.shape) < 0.1, generator.normal(0.3, 0.1, fine.shape), fine)
 
 
-def good_and_bad_seeds(n_seeds: int, generator: np.random.Generator) -> Array:
-    """Return normal scores, half of whose variance is common to all cells of a seed."""
-    common = generator.normal(size=(n_seeds, 1))
-    return MEANS + 0.03 * np.sqrt(0.5) * (common + generator.normal(size=(n_seeds, N_CELLS)))
+def common(share: float) -> Draw:
+    """Return a distribution of normal scores, with a share of the variance common to all cells of a seed."""
+
+    def draw(n_seeds: int, generator: np.random.Generator) -> Array:
+        seed, own = generator.normal(size=(n_seeds, 1)), generator.normal(size=(n_seeds, N_CELLS))
+        return MEANS + 0.03 * (np.sqrt(share) * seed + np.sqrt(1 - share) * own)
+
+    return draw
 
 
 def committed() -> dict[str, Draw]:
@@ -79,7 +83,8 @@ DISTRIBUTIONS: dict[str, Draw] = {
     "normal": normal,
     "near the ceiling": ceiling,
     "one in ten collapsed": collapsing,
-    "good and bad seeds": good_and_bad_seeds,
+    "a sixth common to a seed": common(1 / 6),
+    "half common to a seed": common(1 / 2),
 }
 
 
@@ -96,11 +101,11 @@ def coverage(draw: Draw, n_seeds: int, n_simulations: int, whole_seeds: bool) ->
     return held / n_simulations
 
 
-def false_alarms(draw: Draw, n_seeds: int, n_simulations: int) -> float:
+def false_alarms(draw: Draw, n_seeds: int, n_simulations: int, whole_seeds: bool) -> float:
     """Return the share of comparisons of equal agents in which one is said to lie above another."""
     generator = np.random.default_rng(n_seeds)
     level = ranking.corrected_level(N_AGENTS)
-    counts = [stats.draw_counts(n_seeds, N_CELLS, N_RESAMPLES, generator) for _ in range(2)]
+    counts = [stats.draw_counts(n_seeds, N_CELLS, N_RESAMPLES, generator, whole_seeds) for _ in range(2)]
     alarms = 0
     for _ in range(n_simulations):
         agents = [draw(n_seeds, generator) for _ in range(N_AGENTS)]
@@ -123,9 +128,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--simulations", type=int, default=600, help="simulations of each kind (default 600)")
     parser.add_argument("--families", type=int, default=200, help="comparisons of equal agents (default 200)")
+    every = DISTRIBUTIONS | committed()
+    parser.add_argument(
+        "--scores", nargs="+", choices=every, default=list(every), help="only these distributions"
+    )
     args = parser.parse_args()
     console = Console()
-    every = DISTRIBUTIONS | committed()
+    every = {name: every[name] for name in args.scores}
 
     cover = Table(title=f"share of 95 % intervals of the IQM over {N_CELLS} cells that hold the truth")
     cover.add_column("scores")
@@ -141,8 +150,11 @@ def main() -> None:
     alarms.add_column("scores")
     for n in SEEDS:
         alarms.add_column(f"{n} seeds", justify="right")
-    for name, draw in track(DISTRIBUTIONS.items(), description="equal agents", console=Console(stderr=True)):
-        alarms.add_row(name, *(f"{100 * false_alarms(draw, n, args.families):.1f} %" for n in SEEDS))
+        alarms.add_column("whole", justify="right")
+    equal = {name: draw for name, draw in every.items() if name in DISTRIBUTIONS}
+    for name, draw in track(equal.items(), description="equal agents", console=Console(stderr=True)):
+        shares = [false_alarms(draw, n, args.families, whole) for n in SEEDS for whole in (False, True)]
+        alarms.add_row(name, *(f"{100 * share:.1f} %" for share in shares))
     console.print(alarms)
 
 

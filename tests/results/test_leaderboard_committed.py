@@ -8,7 +8,8 @@ import pandas as pd
 import pytest
 
 from usbench import suite
-from usbench.results import leaderboard
+from usbench.figures import comparison, tuning
+from usbench.results import leaderboard, tables
 from usbench.trials.configuration import resolve
 
 TOP = Path(__file__).parents[2]
@@ -28,11 +29,26 @@ def test_committed_leaderboard_comes_from_the_committed_tables(again, name):
     assert (TOP / name).read_bytes() == (again / name).read_bytes()
 
 
+def test_committed_figures_come_from_the_committed_tables(tmp_path):
+    # With the versions of constraints.txt: another matplotlib draws otherwise.
+    folder = leaderboard.files(TOP / "leaderboard.md")
+    comparison.write(tables.read(folder), tmp_path)
+    tuning.write(folder, tmp_path)
+    committed, drawn = (
+        {path.name: path.read_bytes() for path in place.glob("*.png")} for place in (folder, tmp_path)
+    )
+    assert sorted(committed) == sorted(drawn)
+    assert [name for name, content in committed.items() if drawn[name] != content] == []
+
+
 def test_page_on_the_paper_comes_from_the_committed_tables(tmp_path):
     # `make paper` writes it, and `make leaderboard` does.
     command = [sys.executable, TOP / "benchmarks" / "paper.py", "--out", tmp_path / "paper.md"]
     subprocess.run(command, check=True, capture_output=True)
-    assert (TOP / "docs" / "paper.md").read_bytes() == (tmp_path / "paper.md").read_bytes()
+    written = sorted(path.name for path in tmp_path.iterdir())
+    assert written == ["paper.md", "paper_figure4.png", "paper_figure5.png"]
+    for name in written:
+        assert (TOP / "docs" / name).read_bytes() == (tmp_path / name).read_bytes(), name
 
 
 def test_trials_of_the_committed_leaderboard_have_the_names_that_they_always_had():

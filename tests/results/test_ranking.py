@@ -28,6 +28,21 @@ def test_whole_seeds_keep_what_a_seed_did_in_all_cells():
     assert row["whole_low"] == row["score"] == row["whole_high"] and row["score_low"] < row["score_high"]
 
 
+def test_variance_that_is_common_to_the_cells_of_a_seed():
+    generator = np.random.default_rng(2)
+    seed, own = generator.normal(size=(500, 1)), generator.normal(size=(500, 6))
+    assert ranking.common_to_seeds({"a": seed + np.zeros(6)}) == pytest.approx(1)
+    assert ranking.common_to_seeds({"a": own}) == pytest.approx(0, abs=0.03)
+    # In units of its spread, whatever the spread of a cell.
+    half = (seed + own) * np.array([1, 10, 1, 1, 0.1, 1])
+    assert ranking.common_to_seeds({"a": half, "b": half[::-1]}) == pytest.approx(0.5, abs=0.05)
+
+
+def test_one_seed_or_one_cell_has_no_such_share():
+    for scores_of in ({"a": np.ones((1, 6))}, {"a": np.array(LOW)}, {"a": np.ones((5, 6))}, {}):
+        assert np.isnan(ranking.common_to_seeds(scores_of))
+
+
 def test_improvement_in_both_directions():
     table = ranking.improvement({"a": np.array([[0.2], [0.6]]), "b": np.array([[0.1], [0.5]])})
     table = table.set_index(["agent", "other"])
@@ -61,6 +76,16 @@ def test_few_seeds_lie_above_nothing(n_seeds):
     pairs = ranking.improvement({"low": np.array(LOW), "high": np.array(HIGH)[:n_seeds]})
     assert ranking.above(pairs) == set()
     assert pairs["low"].isna().all() == (n_seeds == 1)
+
+
+def test_what_only_some_seeds_win_is_not_sure_with_whole_seeds():
+    # One seed in five loses in all six cells: by cells nearly sure, by whole seeds not.
+    y = np.tile(np.linspace(0.4, 0.6, 10)[:, np.newaxis], 6)
+    x = np.tile(np.array([[0.9], [0.9], [0.9], [0.9], [0.9], [0.9], [0.9], [0.1], [0.1], [0.1]]), 6)
+    pairs = ranking.improvement({"x": x, "y": y})
+    assert ranking.above(pairs) == ranking.above_by_cells_alone(pairs) == {("x", "y")}
+    sure = ranking.improvement({"x": np.array(HIGH), "y": np.array(LOW)})
+    assert ranking.above(sure) == {("x", "y")} and ranking.above_by_cells_alone(sure) == set()
 
 
 def test_interval_is_that_of_the_plain_bootstrap():

@@ -17,4 +17,5 @@ def test_interval_stands_in_brackets_where_there_is_one():
 
 def test_names_in_a_row():
     assert text.names(["a"]) == "`a`"
+    assert text.pairs_of([("a", "b"), ("c", "d")]) == "`a` lies above `b`, `c` above `d`"
     assert text.names(["a", "b", "c"]) == "`a`, `b` and `c`"

@@ -67,6 +67,20 @@ def test_the_rule_is_the_probability_of_improvement_not_the_intervals_of_the_sco
     assert first.endswith("`vpg` lies below it")
 
 
+def test_what_depends_on_whole_seeds_is_said():
+    high, low = [0.9] * 7 + [0.1] * 3, [0.4 + 0.02 * number for number in range(10)]
+    cells = [(task, noise) for task in ("fp", "pp") for noise in (0.0, 0.25, 0.5)]
+    trials = [
+        one
+        for task, noise in cells
+        for algo, own in (("vpg", low), ("ppo", high))
+        for one in seeds(algo, own, task=task, noise=noise)
+    ]
+    found = sentences(*trials)
+    assert "`ppo` lies above it" in found[1]
+    assert found[2] == "With whole seeds drawn, it is not sure that `ppo` lies above `vpg`"
+
+
 def test_equal_scores():
     _, second, _ = sentences(*seeds("vpg", MIDDLE), *seeds("ppo", MIDDLE))
     assert "cannot be told" in second and "probability 0.50 [" in second

@@ -47,6 +47,30 @@ def overall(scores: Mapping[str, stats.Array]) -> pd.DataFrame:
     return table.sort_values(["score", "agent"], ascending=[False, True], ignore_index=True)
 
 
+def common_to_seeds(scores: Mapping[str, stats.Array]) -> float:
+    """Return the share of the variance between trials of a cell that is common to all cells of a seed.
+
+    The intraclass correlation (Shrout and Fleiss, Psychological Bulletin 86, 1979, case 3), pooled over
+    agents, of scores that are standardised in each cell; cells in which all scores are equal do not count.
+    NaN where there is one cell or one seed. It is an estimate, and below 0 where chance makes it so.
+    """
+    between, within = [], []
+    for matrix in scores.values():
+        spread = matrix.std(axis=0)
+        rows = ((matrix - matrix.mean(axis=0)) / np.where(spread > 0, spread, 1.0))[:, spread > 0]
+        n_seeds, n_cells = rows.shape
+        if n_seeds < 2 or n_cells < 2:
+            continue
+        of_seed = rows.mean(axis=1, keepdims=True)
+        between.append(n_cells * float((of_seed**2).sum()) / (n_seeds - 1))
+        within.append(float(((rows - of_seed) ** 2).sum()) / ((n_seeds - 1) * (n_cells - 1)))
+    if not between:
+        return float("nan")
+    n_all = next(iter(scores.values())).shape[1]
+    b, w = float(np.mean(between)), float(np.mean(within))
+    return (b - w) / (b + (n_all - 1) * w)
+
+
 def corrected_level(n_agents: int) -> float:
     """Return the level of an interval that is one of as many as there are pairs (Bonferroni)."""
     return 1 - (1 - stats.LEVEL) / max(n_agents * (n_agents - 1) // 2, 1)
@@ -57,10 +81,11 @@ def improvement(scores: Mapping[str, stats.Array]) -> pd.DataFrame:
 
     Columns: `agent`, `other`; `probability` that a trial of `agent` has a higher score than one of `other` in
     a cell; its 95 % interval `low`, `high`, which a single seed does not have; and `sure_low`, `sure_high`,
-    the interval at the level that is corrected for all pairs, for agents with at least `MIN_SEEDS` seeds.
+    the interval at the level that is corrected for all pairs, for agents with at least `MIN_SEEDS` seeds;
+    `whole_low`, `whole_high`, the same with whole seeds drawn over all cells.
     """
     level = corrected_level(len(scores))
-    drawn: dict[tuple[int, int, int], tuple[stats.Array, stats.Array]] = {}
+    drawn: dict[tuple[int, int, int], list[list[stats.Array]]] = {}
     rows = []
     for agent, other in combinations(scores, 2):
         x, y = scores[agent], scores[other]
@@ -68,23 +93,26 @@ def improvement(scores: Mapping[str, stats.Array]) -> pd.DataFrame:
         if sizes not in drawn:
             # Afresh for each pair of sizes: a pair does not change when another agent is added.
             generator = np.random.default_rng(BOOTSTRAP_SEED)
-            drawn[sizes] = (
-                stats.draw_counts(len(x), x.shape[1], N_RESAMPLES, generator),
-                stats.draw_counts(len(y), x.shape[1], N_RESAMPLES, generator),
-            )
+            drawn[sizes] = [
+                [stats.draw_counts(n, x.shape[1], N_RESAMPLES, generator, whole) for n in sizes[:2]]
+                for whole in (False, True)
+            ]
         estimate = stats.probability_of_improvement(x, y)
-        resampled = stats.resampled_improvement(x, y, *drawn[sizes])
-        one, sure = (stats.percentiles(estimate, resampled, each) for each in (stats.LEVEL, level))
-        ends = np.array([one.low, one.high, sure.low, sure.high])
+        by_cell, whole = (stats.resampled_improvement(x, y, *counts) for counts in drawn[sizes])
+        found = [
+            stats.percentiles(estimate, resampled, each)
+            for resampled, each in ((by_cell, stats.LEVEL), (by_cell, level), (whole, level))
+        ]
+        ends = np.array([end for interval in found for end in (interval.low, interval.high)])
         if min(sizes[:2]) == 1:
             ends[:] = np.nan
         if min(sizes[:2]) < MIN_SEEDS:
             ends[2:] = np.nan
         rows.append((agent, other, float(estimate), *ends))
         # The same resamples: what is sure one way round is sure the other.
-        rows.append((other, agent, 1 - float(estimate), *(1 - ends[[1, 0, 3, 2]])))
-    columns = ["agent", "other", "probability", "low", "high", "sure_low", "sure_high"]
-    return pd.DataFrame(rows, columns=columns)
+        rows.append((other, agent, 1 - float(estimate), *(1 - ends[[1, 0, 3, 2, 5, 4]])))
+    ends_of = [f"{name}{end}" for name in ("", "sure_", "whole_") for end in ("low", "high")]
+    return pd.DataFrame(rows, columns=["agent", "other", "probability", *ends_of])
 
 
 def above(pairs: pd.DataFrame) -> set[tuple[str, str]]:
@@ -92,8 +120,16 @@ def above(pairs: pd.DataFrame) -> set[tuple[str, str]]:
 
     The corrected interval of the probability of improvement lies above one half.
     """
-    sure = pairs[pairs["sure_low"] > 0.5]
-    return set(sure[["agent", "other"]].itertuples(index=False, name=None))
+    return _pairs(pairs[pairs["sure_low"] > 0.5])
+
+
+def above_by_cells_alone(pairs: pd.DataFrame) -> set[tuple[str, str]]:
+    """Return those pairs of `above` that are not sure when whole seeds are drawn over all cells."""
+    return _pairs(pairs[(pairs["sure_low"] > 0.5) & (pairs["whole_low"] <= 0.5)])
+
+
+def _pairs(rows: pd.DataFrame) -> set[tuple[str, str]]:
+    return set(rows[["agent", "other"]].itertuples(index=False, name=None))
 
 
 def stability(finals: Mapping[str, pd.DataFrame]) -> pd.DataFrame:

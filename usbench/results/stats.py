@@ -136,8 +136,20 @@ def percentiles(estimate: Array, resampled: Array, level: float = LEVEL) -> Inte
     return Interval(estimate, np.asarray(low), np.asarray(high))
 
 
-def draw_counts(n_seeds: int, n_tasks: int, n_resamples: int, generator: np.random.Generator) -> Array:
-    """Return how often each seed is in each resample of each task, `(n_tasks, n_resamples, n_seeds)`."""
+def draw_counts(
+    n_seeds: int,
+    n_tasks: int,
+    n_resamples: int,
+    generator: np.random.Generator,
+    whole_seeds: bool = False,
+) -> Array:
+    """Return how often each seed is in each resample of each task, `(n_tasks, n_resamples, n_seeds)`.
+
+    For `whole_seeds`, a resample has the same seeds in all tasks.
+    """
+    if whole_seeds:
+        once = draw_counts(n_seeds, 1, n_resamples, generator)
+        return np.broadcast_to(once, (n_tasks, n_resamples, n_seeds))
     drawn = generator.integers(n_seeds, size=(n_tasks * n_resamples, n_seeds))
     drawn += np.arange(0, drawn.size, n_seeds)[:, np.newaxis]
     counts = np.bincount(drawn.ravel(), minlength=drawn.size)

@@ -45,6 +45,13 @@ def names(agents: Sequence[str]) -> str:
     return quoted[0] if len(quoted) == 1 else f"{', '.join(quoted[:-1])} and {quoted[-1]}"
 
 
+def pairs_of(agents: Sequence[tuple[str, str]]) -> str:
+    """Return who lies above whom: "`a` lies above `b`, `a` above `c`"."""
+    (first, second), *others = agents
+    rest = [f"{code(one)} above {code(two)}" for one, two in others]
+    return ", ".join([f"{code(first)} lies above {code(second)}", *rest])
+
+
 def capital(sentence: str) -> str:
     """Return the sentence with a capital letter first."""
     return sentence[0].upper() + sentence[1:]

@@ -9,7 +9,7 @@ from usbench.results import ranking, scores, stats
 from usbench.results.agents import named
 from usbench.results.protocol import further
 from usbench.results.tables import Results
-from usbench.results.text import DASH, agent, bounds, capital, code, folded, interval, number, table
+from usbench.results.text import DASH, agent, bounds, capital, code, folded, interval, number, pairs_of, table
 
 
 def sections(own: Results, name: str, pairs: pd.DataFrame) -> list[str]:
@@ -43,6 +43,7 @@ def sections(own: Results, name: str, pairs: pd.DataFrame) -> list[str]:
 
 def overall(trials: pd.DataFrame, matrices: Mapping[str, stats.Array]) -> str:
     """Return the table of all cells together: those that learn first, then reference policies, best first."""
+    common = ranking.common_to_seeds(matrices)
     known = ranking.overall(matrices)
     fixed = known["agent"].map(named(trials).groupby("agent")["steps"].max()) == 0
     asked = np.where(fixed, known["seeds"], scores.seeds_asked(trials))
@@ -63,8 +64,19 @@ def overall(trials: pd.DataFrame, matrices: Mapping[str, stats.Array]) -> str:
     return (
         f"Scores over {title}, of the seeds that are finished in all of them. The score with its interval is "
         "the primary figure; seeds are resampled within each cell. For the interval with whole seeds, the "
-        "same seeds are drawn for all cells, since a seed has the same starts in each.\n\n"
+        f"same seeds are drawn for all cells, since a seed has the same starts in each.{_seeds(common)}\n\n"
         + table(head, rows)
+    )
+
+
+def _seeds(common: float) -> str:
+    """Return in words how much seeds matter for all cells alike."""
+    if pd.isna(common):
+        return ""
+    return (
+        f" Of the variance between trials of a cell, {100 * max(common, 0.0):.0f} % are common to all cells "
+        "of a seed: the larger this is, the more the interval by cells and the comparison of agents are too "
+        "sure (docs/comparison.md)."
     )
 
 
@@ -79,6 +91,8 @@ def improvement(agents: list[str], pairs: pd.DataFrame) -> str:
             mark = "**" if {(one, other), (other, one)} & sure else ""
             cells.append(DASH if one == other else f"{mark}{number(chances[one, other], 2)}{mark}")
         rows.append([code(one), *cells])
+    fewer = sorted(ranking.above_by_cells_alone(pairs))
+    whole = f" With whole seeds drawn, it is not sure that {pairs_of(fewer)}." if fewer else ""
     level = ranking.corrected_level(len(agents))
     n_pairs = len(agents) * (len(agents) - 1) // 2
     many = "" if n_pairs == 1 else f", which is 1 - 0.05 / {n_pairs} for {n_pairs} pairs,"
@@ -86,7 +100,7 @@ def improvement(agents: list[str], pairs: pd.DataFrame) -> str:
         "How likely a trial of the row's agent has a higher score than one of the column's in a cell, ties "
         f"counting half; bold where the {100 * level:.4g} % interval{many} leaves out one half: there alone "
         f"one agent lies above the other ({ranking.N_RESAMPLES} resamples). Agents with fewer than "
-        f"{ranking.MIN_SEEDS} seeds are not compared.\n\n" + table(["", *map(code, agents)], rows)
+        f"{ranking.MIN_SEEDS} seeds are not compared.{whole}\n\n" + table(["", *map(code, agents)], rows)
     )
 
 

@@ -11,7 +11,7 @@ import pandas as pd
 from usbench.results import held_out, ranking, scores
 from usbench.results.agents import named
 from usbench.results.tables import Results
-from usbench.results.text import capital, code, interval, names
+from usbench.results.text import capital, code, interval, names, pairs_of
 from usbench.tasks import PAPER, row_of
 
 PAPERS_OWN = "vpg"
@@ -89,6 +89,10 @@ def text(known: Results, tested: pd.DataFrame | None = None) -> str:
         pairs = ranking.improvement(kept)
         ranked = _Ranked(table, ranking.above(pairs), pairs)
         sentences = [_highest(ranked, where), *_against_the_papers_own(ranked)]
+        named_here = {str(table.index[0]), PAPERS_OWN, PAPERS_OWN_TUNED}
+        fewer = [two for two in sorted(ranking.above_by_cells_alone(pairs)) if named_here & {*two}]
+        if fewer:
+            sentences.append(f"with whole seeds drawn, it is not sure that {pairs_of(fewer)}.")
         if waiting:
             sentences.append(f"With {_few(waiting)}, {names(list(waiting))} must wait.")
     sentences[0] = f"{so_far}{sentences[0]}"
