@@ -5,7 +5,7 @@ import pytest
 from quick_trials import speed_up
 from trials import SMALL
 
-from usbench import records, released
+from usbench import cli, records, released
 from usbench.checks import ConfigurationError
 from usbench.compare import model_card, release
 from usbench.setting import make_env
@@ -88,6 +88,16 @@ def test_of_the_records_the_last_evaluation_is_kept_and_nothing_of_the_machine(r
         one, other = (each.last_evaluation(deterministic=greedy) for each in (kept, trial))
         assert one.reset_index(drop=True).equals(other.reset_index(drop=True))
     assert kept.platform == "" and str(tmp_path) not in (folder / records.TRIAL).read_text()
+
+
+def test_the_command_of_a_card_makes_the_trial(runs, tmp_path, monkeypatch):
+    configs = []
+    monkeypatch.setattr(runner, "run_trial", lambda config, *_, **__: configs.append(config) or 1 / 0)
+    for folder in release.write([runs], tmp_path / "made"):
+        card = (folder / released.CARD).read_text().splitlines()
+        (line,) = [row for row in card if row.startswith("usbench run")]
+        assert cli.main([*line.split()[1:], "--quiet", "--out", str(tmp_path / "runs")]) == 1
+        assert configs.pop().folder_name == records.Trial.read(folder).config.folder_name
 
 
 def test_objects_that_could_run_code_are_refused(runs, tmp_path):

@@ -2,6 +2,7 @@
 
 import argparse
 import contextlib
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
@@ -60,6 +61,12 @@ def add_leaderboard_file(parser: argparse.ArgumentParser, default: str = str(LEA
         metavar="FILE",
         help=f"file to write (default {default})",
     )
+
+
+def tell_watcher(text: str) -> None:
+    """Say on stderr what is being done, where a person waits for it; files and pipes get results alone."""
+    if sys.stderr.isatty():
+        print(text, file=sys.stderr, flush=True)
 
 
 def add_runs(parser: argparse.ArgumentParser, what: str = "folder with trials") -> None:

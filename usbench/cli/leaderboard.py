@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from usbench.cli.arguments import add_leaderboard_file
+from usbench.cli.arguments import add_leaderboard_file, tell_watcher
 
 if TYPE_CHECKING:
     from usbench.results.tables import Results
@@ -45,6 +45,10 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
 
 def _call(args: argparse.Namespace) -> None:
     """Write a leaderboard and its figures again: of its tables, of a folder's trials, or of both."""
+    tell_watcher(
+        "reading the records, then 20 figures and tables with their intervals: up to some minutes for a "
+        "whole grid"
+    )
     from usbench.figures import comparison, tuning
     from usbench.results import additions, leaderboard, published, studies, tables
     from usbench.results.protocol import tuning as searched

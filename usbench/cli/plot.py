@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from usbench.cli.arguments import add_runs
+from usbench.cli.arguments import add_runs, tell_watcher
 
 EXAMPLES = """examples:
   usbench plot
@@ -54,6 +54,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
 
 def _call(args: argparse.Namespace) -> None:
     """Draw figures of any set of trials."""
+    tell_watcher("reading the records, then drawing: some seconds, up to a minute for a whole grid")
     from usbench.figures import plots
 
     def tell(sentence: str) -> None:

@@ -13,9 +13,10 @@ from scipy import stats
 
 from usbench import records, seed_pools
 from usbench.agents.zoo import entry
-from usbench.records import Trial
+from usbench.records import Trial, TrialConfig
 from usbench.results import held_out, published
 from usbench.setting import Setting
+from usbench.trials.configuration import resolve
 
 N_RESAMPLES = 10_000
 N_WORST = 3
@@ -113,7 +114,7 @@ def _training(trial: Trial) -> str:
     rows = trial.evaluations()
     curve = rows[rows["deterministic"]].groupby("checkpoint")["normalized_score"].mean()
     minutes = trial.timings.get("training_s", 0.0) / 60
-    options = [f"--algo {config.algo}", f"--task {config.task}", f"--seed {config.seed}"]
+    options = _options(config)
     settings = ", ".join(f"{name}={value:g}" for name, value in config.hyperparameters.items())
     versions = ", ".join(f"{name} {version}" for name, version in sorted(trial.versions.items()))
     return (
@@ -122,6 +123,23 @@ def _training(trial: Trial) -> str:
         f"Hyperparameters: {settings}. Versions: {versions}.\n\nThe learning curve, greedy actions:\n\n"
         + _table(("step", "score"), [(str(step), f"{score:.3f}") for step, score in curve.items()])
     )
+
+
+def _options(config: TrialConfig) -> list[str]:
+    """Return the options of `usbench run` that make this trial, defaults left out."""
+    plain = resolve(config.algo, config.task, seed=config.seed)
+    options = [f"--algo {config.algo}", f"--task {config.task}", f"--seed {config.seed}"]
+    for name in ("steps", "n_frames", "n_envs"):
+        if getattr(config, name) != getattr(plain, name):
+            options.append(f"--{name.replace('_', '-')} {getattr(config, name)}")
+    changed = {
+        name: value
+        for name, value in config.hyperparameters.items()
+        if plain.hyperparameters.get(name) != value
+    }
+    if changed:
+        options.append("--set " + " ".join(f"{name}={value}" for name, value in changed.items()))
+    return options
 
 
 def _limits(trial: Trial, setting: Setting, greedy: pd.DataFrame) -> str:

@@ -75,7 +75,7 @@ def _can_be_released(trial: Trial) -> bool:
     config = trial.config
     if trial.status != "finished" or config.noise or config.algo not in ZOO or not config.steps:
         return False
-    return dict(config.environment) == json.loads(json.dumps(Setting(task=config.task).record()))
+    return bool(config.environment == json.loads(json.dumps(Setting(task=config.task).record())))
 
 
 def _score(trial: Trial) -> float:

@@ -52,7 +52,7 @@ def _start(episode: Played) -> tuple[object, ...]:
 
 
 def _table(anchors: Anchors, played: Sequence[Played], who: Sequence[str]) -> str:
-    rows = [("number", "agent", "episodes", "return", "score", "ends at the goal")]
+    rows: list[tuple[str, ...]] = [("number", "agent", "episodes", "return", "score", "ends at the goal")]
     for number, agent in enumerate(who):
         own = [episode for episode in played if episode.agent == agent]
         mean = float(np.mean([sum(episode.rewards) for episode in own]))

@@ -134,7 +134,7 @@ def _play(agent: Any, envs: Sequence[gym.Env[Any, Any]], episodes: Sequence[Play
     while not over.all():
         seen = [{**info, "step": step} for info in infos] if sees_state else senses.batch(observations)
         actions, state = agent.predict(seen, state=state, episode_start=first, deterministic=True)
-        for k in np.flatnonzero(~over):
+        for k in np.flatnonzero(~over).tolist():
             observations[k], _, terminated, truncated, infos[k] = envs[k].step(int(actions[k]))
             over[k] = terminated or truncated
         first, step = np.zeros(len(envs), dtype=bool), step + 1
