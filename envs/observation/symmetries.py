@@ -92,8 +92,8 @@ def symmetries(senses: Senses) -> Symmetries:
     found = []
     for change in _ALL:
         if {change.pose(pose) for pose in task.states} <= task.indices.keys():
-            actions = _actions(change, task)
-            found.append((change.mirrors, *_on_senses(change, senses, actions), actions))
+            becomes = _actions(change, task)
+            found.append((change.mirrors, *_on_senses(change, senses, becomes), becomes))
     # Where a probe never turns, some are the same for the agent.
     different = [one for place, one in enumerate(found) if one not in found[:place]]
     mirrored, sources, signs, actions = zip(*different, strict=True)
