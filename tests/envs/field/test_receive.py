@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from beside_the_line import KINDS as BESIDE
+from beside_the_line import single_points, worst
 from echoes import SMALL, correlation, envelope, width
 
 from usbench.envs import rf as module
@@ -104,3 +106,20 @@ def test_the_number_of_threads_changes_no_bit(monkeypatch, receive):
         forget_tables()
         found.add(simulate_iq(POINTS, np.ones(3), replace(ARRAY, **receive), 25e-3, LINES)[0].tobytes())
     assert len(found) == 1
+
+
+# What docs/physics.md says of single points beside the line: least correlation and largest error in dB.
+@pytest.mark.parametrize(
+    ("name", "near", "far"),
+    [
+        ("as the transmit", (0.994, 0.4), (0.994, 1.05)),
+        ("80 mm", (0.993, 0.4), (0.99, 0.8)),
+        ("dynamic", (0.99, 0.75), (0.92, 4.5)),
+        ("dynamic, f/2", (0.98, 0.6), (0.91, 2.5)),
+    ],
+)
+def test_single_points_beside_the_line_are_as_exact_as_the_docs_say(name, near, far):
+    found = single_points(BESIDE[name])
+    for (least, largest), limits in ((near, (0, -20)), (far, (-20, -30))):
+        alike, error_db = worst(found, *limits)
+        assert alike >= least and error_db <= largest

@@ -146,3 +146,12 @@ def test_points_of_ones_own_have_the_same_noise_in_every_process():
     assert repr(points) != repr(PointScatterers([(0, 0, 0.031)], [1.0])) and "0x" not in repr(points)
     frame = scan(points, POSE, imaging=NOISY)
     assert np.array_equal(frame, scan(PointScatterers([(0, 0, 0.03)], [1.0]), POSE, imaging=NOISY))
+
+
+@pytest.mark.parametrize(
+    "receive", [{"receive_focus": "dynamic"}, {"receive_focus": 20e-3, "receive_f_number": 4}]
+)
+def test_the_level_does_not_depend_on_how_the_array_focuses_in_receive(receive):
+    # Electronics are as noisy whatever the beamformer does: the reference is that of the shared focus.
+    array = LinearArray()
+    assert reference_amplitude(replace(array, **receive)) == reference_amplitude(array)
