@@ -90,7 +90,7 @@ bench-vector: $(STAMP)  ## steps per second of every task, with 1 and 16 environ
 bench-train: $(STAMP)  ## time and memory that training takes, beside plain scripts, as a table
 	$(BIN)/python benchmarks/training.py
 
-coverage: $(STAMP)  ## how often the leaderboard's intervals hold the truth, by simulation (some 15 minutes)
+coverage: $(STAMP)  ## how often the leaderboard's intervals hold the truth, by simulation (half an hour)
 	$(BIN)/python benchmarks/intervals.py
 
 paper: $(STAMP)  ## write docs/paper.md, the paper's results beside ours, from leaderboard_files/ alone

@@ -1,4 +1,4 @@
-"""How often the leaderboard's intervals hold the truth, by simulation: `make coverage` (some 15 minutes).
+"""How often the leaderboard's intervals hold the truth, by simulation: `make coverage` (half an hour).
 
 Scores of trials are drawn from distributions that are known, so that the interquartile mean of infinitely
 many seeds is known too. Of many such comparisons the share is counted whose 95 % interval holds it; and, of

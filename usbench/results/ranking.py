@@ -66,7 +66,7 @@ def common_to_seeds(scores: Mapping[str, stats.Array]) -> float:
         within.append(float(((rows - of_seed) ** 2).sum()) / ((n_seeds - 1) * (n_cells - 1)))
     if not between:
         return float("nan")
-    n_all = next(iter(scores.values())).shape[1]
+    n_all = int(next(iter(scores.values())).shape[1])
     b, w = float(np.mean(between)), float(np.mean(within))
     return (b - w) / (b + (n_all - 1) * w)
 
