@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: help run task-pages test test-extras test-faults slow lint format typecheck bench-sim bench-vector bench-train compare leaderboard search coverage paper ceilings unseen figures failures scores verify-submission release-agents docs clean
+.PHONY: help check-site check-links run task-pages test test-extras test-faults slow lint format typecheck bench-sim bench-vector bench-train compare leaderboard search coverage paper ceilings unseen figures failures scores verify-submission release-agents docs clean
 .DEFAULT_GOAL := help
 
 help:  ## show the jobs
@@ -30,7 +30,7 @@ run: $(if $(wildcard $(STAMP)),$(STAMP),$(VENV)/.running)  ## train the paper's 
 
 # One process per core and one thread per process: more threads would wait for each other.
 test: $(STAMP)  ## run the tests (without the slow ones)
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m "not slow and not faults" -n auto --dist worksteal
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m "not slow and not faults and not site" -n auto --dist worksteal
 
 # Without these packages the tests that need them are skipped.
 test-extras: $(STAMP)  ## install what some tests need beside the package: Weights & Biases, RL Baselines3 Zoo, ultrasound-metrics
@@ -70,6 +70,12 @@ $(VENV)/.docs: $(STAMP)
 docs: $(VENV)/.docs  ## build the site into build/docs, the notebook run anew; a warning is an error
 	rm -rf docs/api
 	$(BIN)/sphinx-build --quiet --fresh-env --fail-on-warning --keep-going -d build/doctrees docs build/docs
+
+check-site: docs  ## build the site, then check five of its pages in Chromium, light and dark (axe-core)
+	$(BIN)/python -m pytest -m site tests/site
+
+check-links: $(VENV)/.docs  ## ask every address outside that a page names whether it is there (needs the internet)
+	$(BIN)/sphinx-build --quiet -b linkcheck -D nb_execution_mode=off -d build/doctrees docs build/links
 
 compare: $(STAMP)  ## run what is missing of the paper's grid for every algorithm (many hours), write leaderboard.md
 	$(BIN)/usbench compare

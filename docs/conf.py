@@ -13,7 +13,8 @@ from sphinx import addnodes
 from sphinx.application import Sphinx
 
 ROOT = Path(__file__).parents[1]
-# Folder of the repository -> package.
+# File of the repository -> page of the site that shows it; folder -> package.
+HERE = {"leaderboard.md": "results.md", "CHANGELOG.md": "changelog.md", "CITATION.cff": "cite.md"}
 PACKAGES = {"envs": "usbench.envs", "agents": "usbench.agents", "usbench": "usbench"}
 
 sys.path.insert(0, str(Path(__file__).parent / "_ext"))
@@ -33,6 +34,7 @@ copyright = "usbench contributors"
 version = release = installed("usbench")
 
 extensions = [
+    "accessible",
     "mathml",
     "myst_nb",
     "sphinx.ext.autodoc",
@@ -72,9 +74,9 @@ html_favicon = "_static/favicon.svg"
 copybutton_selector = ", ".join(f"div.highlight-{kind} pre" for kind in ("bash", "console", "python", "toml"))
 copybutton_prompt_text = r"\$ |>>> |\.\.\. "
 copybutton_prompt_is_regexp = True
-html_theme_options: dict[str, Any] = {}
+html_theme_options: dict[str, Any] = {"top_of_page_buttons": []}
 if repository():
-    html_theme_options = {
+    html_theme_options |= {
         "source_repository": repository(),
         "source_branch": "main",
         "source_directory": "docs/",
@@ -96,6 +98,23 @@ def link_modules(app: Sphinx, doctree: nodes.document) -> None:
             link.replace_self(reference)
 
 
+def link_pages(app: Sphinx, page: str, source: list[str]) -> None:
+    """Lead links to pages and folders outside of docs/ to their page here, or else to the repository."""
+    folder = (Path(app.srcdir) / page).parent
+
+    def led(link: re.Match[str]) -> str:
+        words, place = link.groups()
+        path = (folder / place).resolve()
+        if path.is_relative_to(app.srcdir) or not path.exists() or path.suffix not in ("", ".md"):
+            return link[0]
+        within = path.relative_to(ROOT).as_posix()
+        if within in HERE:
+            return f"[{words}]({os.path.relpath(Path(app.srcdir) / HERE[within], folder)})"
+        return f"[{words}]({repository()}/blob/main/{within})" if repository() else words
+
+    source[0] = re.sub(r"(?<!!)\[([^\]]+)\]\(([^)\s#:]+)\)", led, source[0])
+
+
 def plain_words(app: Sphinx, what: str, name: str, value: Any, options: Any, lines: list[str]) -> None:
     """Translate the Markdown headings of environments, as Gymnasium has them, and keep |absolute values|."""
     translated: list[str] = []
@@ -111,5 +130,6 @@ def plain_words(app: Sphinx, what: str, name: str, value: Any, options: Any, lin
 def setup(app: Sphinx) -> None:
     """Connect what is above."""
     app.connect("autodoc-process-docstring", plain_words)
+    app.connect("source-read", link_pages)
     # Before Sphinx copies the files that links lead to.
     app.connect("doctree-read", link_modules, priority=400)

@@ -139,3 +139,12 @@ def test_the_gallery_runs_and_every_example_draws_something():
         exec(code, names)
         assert bool(plt.get_fignums()) == (number > 0)
         plt.close("all")
+
+
+def test_formulas_of_the_simulator_can_be_drawn_as_mathml():
+    convert = pytest.importorskip("latex2mathml.converter").convert
+    formulas = re.findall(
+        r"^\$\$\n(.*?)\n\$\$", (ROOT / "docs" / "physics.md").read_text(), re.DOTALL | re.MULTILINE
+    )
+    assert len(formulas) == 10
+    assert all(convert(formula).startswith("<math") for formula in formulas)

@@ -42,7 +42,7 @@ class SymmetricQNetwork(QNetwork):
 
 
 class SymmetricPolicy(DQNPolicy):
-    """SB3's policy for DQN with `SymmetricQNetwork`s.
+    """SB3's policy for DQN; its networks are of the class `SymmetricQNetwork`.
 
     Greedy actions are those of the target network, whose weights are an average of those of many updates.
     """
