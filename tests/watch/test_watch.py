@@ -22,7 +22,7 @@ from usbench.watch import film, replay, selection, terminal
 from usbench.watch.advice import Adviser
 from usbench.watch.moment import Advice
 
-LEARNERS = ["vpg", "a2c", "dqn", "qrdqn", "recurrent_ppo"]
+LEARNERS = ["vpg", "a2c", "dqn", "qrdqn", "recurrent_ppo", "double_dqn"]
 
 
 @pytest.fixture

@@ -15,6 +15,7 @@ from usbench.agents.value_based.double_dqn import DoubleDQN
 from usbench.agents.value_based.grid_trunk import GridTrunk
 from usbench.agents.value_based.symmetric_policy import SymmetricQNetwork
 from usbench.agents.value_based.views import Views, shifted
+from usbench.agents.vec_env import SB3VecEnv
 from usbench.setting import Setting
 
 SETTING = Setting(task="pp-tracked", senses=("position", "heading", "actions"), n_frames=2)
@@ -188,3 +189,18 @@ def test_trunk_refuses_images_that_are_too_small():
 def test_class_makes_models_without_the_table():
     agent = DoubleDQN("MlpPolicy", DummyVecEnv([Signs]), seed=0, learning_starts=8, buffer_size=100)
     assert agent.learn(16).num_timesteps == 16
+
+
+@pytest.mark.parametrize("task", ["pp-tracked", "exam-tracked", "fp-random"])
+def test_learns_on_every_kind_of_task_with_its_symmetries(task):
+    setting = Setting(task=task, n_frames=2)
+    env = SB3VecEnv(setting.make_vec_env(4, autoreset_mode="SameStep"))
+    for one in env.env.unwrapped.envs:
+        one.is_watched = False
+    chosen = zoo.hyperparameters("double_dqn", task, SMALL)
+    agent = zoo.make("double_dqn", env, 0, chosen, device="cpu", symmetries=setting.symmetries())
+    before = torch.cat([tensor.flatten() for tensor in agent.q_net.parameters()]).detach().clone()
+    agent.learn(128)
+    after = torch.cat([tensor.flatten() for tensor in agent.q_net.parameters()])
+    assert torch.isfinite(after).all() and not torch.equal(before, after)
+    assert len(agent.policy.q_net.views.mirrored) == len(setting.symmetries())
