@@ -11,7 +11,7 @@ from stable_baselines3.common.utils import LinearSchedule
 from torch.nn import functional
 
 from usbench.agents.value_based.n_step_buffer import NStepFrameBuffer
-from usbench.agents.value_based.symmetric_policy import SymmetricPolicy
+from usbench.agents.value_based.symmetric_policy import SymmetricPolicy, SymmetricQNetwork
 from usbench.agents.value_based.views import IMAGE, shifted
 
 
@@ -34,6 +34,9 @@ class DoubleDQN(DQN):
         name: SymmetricPolicy for name in ("MlpPolicy", "CnnPolicy", "MultiInputPolicy")
     }
     policy: SymmetricPolicy
+    q_net: SymmetricQNetwork
+    q_net_target: SymmetricQNetwork
+    learning_rate: float
 
     def __init__(
         self,
@@ -108,6 +111,7 @@ class DoubleDQN(DQN):
         with torch.no_grad():
             best = self.q_net(following).argmax(dim=1, keepdim=True)
             values = self.q_net_target(following).gather(1, best)
+            assert batch.discounts is not None
             targets = batch.rewards + (1 - batch.dones) * batch.discounts * values
         loss = functional.smooth_l1_loss(self.q_net(observations).gather(1, actions), targets)
         self.policy.optimizer.zero_grad()

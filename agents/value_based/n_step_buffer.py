@@ -21,6 +21,8 @@ class NStepFrameBuffer(FrameReplayBuffer, NStepReplayBuffer):
     take 1.4 GB. Sampled observations have the same bits as those that were added.
     """
 
+    _frames: "GreyFrames"
+
     def state(self) -> dict[str, Any]:
         """As that of `FrameReplayBuffer`; frames are grey levels, and `levels` are their values."""
         return {**super().state(), "levels": self._frames.levels}
@@ -30,10 +32,10 @@ class NStepFrameBuffer(FrameReplayBuffer, NStepReplayBuffer):
         if state["levels"] is None:
             self._frames.keep_values()
         else:
-            self._frames.levels[:] = state["levels"]
+            self._frames.levels = np.array(state["levels"])
         super().put_back({**state, "frames": self._frames.values(state["frames"])})
 
-    def _store(self, image: spaces.Box) -> Any:
+    def _store(self, image: spaces.Box) -> "GreyFrames":
         return GreyFrames(image)
 
     def _stacked(self, numbers: npt.NDArray[np.int32]) -> torch.Tensor:

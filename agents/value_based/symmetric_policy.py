@@ -19,6 +19,8 @@ class SymmetricQNetwork(QNetwork):
     Source: Wang et al., "Dueling network architectures" (2016), Eq. 9.
     """
 
+    views: Views | None
+
     def __init__(self, *args: Any, symmetries: Any = None, **kwargs: Any) -> None:
         """Takes SB3's arguments; `symmetries` are those of the task, None for none."""
         super().__init__(*args, **kwargs)
@@ -46,6 +48,9 @@ class SymmetricPolicy(DQNPolicy):
 
     Greedy actions are those of the target network, whose weights are an average of those of many updates.
     """
+
+    q_net: SymmetricQNetwork
+    q_net_target: SymmetricQNetwork
 
     def __init__(self, *args: Any, symmetries: Any = None, **kwargs: Any) -> None:
         """Takes SB3's arguments; `symmetries` are those of the task, None for none."""

@@ -179,4 +179,4 @@ def _rollout_steps(model: Any) -> int:
     """Return how many steps the algorithm collects before it learns from them, of all environments."""
     # Off-policy first: their `n_steps` is the length of n-step returns.
     each = model.train_freq.frequency if hasattr(model, "train_freq") else model.n_steps
-    return int(each) * model.n_envs
+    return int(each * model.n_envs)

@@ -13,7 +13,7 @@ import torch
 from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.logger import Logger, configure
-from stable_baselines3.common.vec_env import DummyVecEnv
+from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
 from usbench.agents import model_state, zoo
 from usbench.agents.vec_env import SB3VecEnv
@@ -87,6 +87,8 @@ class Learning:
             progress=progress,
             boundary=self._keep,
         )
+        self._recorder: Recorder | VectorRecorder
+        vec_env: VecEnv
         self._recorder, vec_env = _recorded(setting, config.n_envs, self.watch.on_episode)
         env_seed, agent_seed = seeds_of(config.seed, config.algo)
         self.agent = make_agent(setting, config.algo, vec_env, agent_seed, config.hyperparameters)
@@ -190,9 +192,7 @@ class Learning:
         resume_files.write(self.agent.num_timesteps, content)
 
 
-def _recorded(
-    setting: Setting, n_envs: int, report: Report
-) -> tuple[Recorder, DummyVecEnv] | tuple[VectorRecorder, VectorRecorder]:
+def _recorded(setting: Setting, n_envs: int, report: Report) -> tuple[Recorder | VectorRecorder, VecEnv]:
     """Return what records the episodes of `n_envs` environments, and the environments as SB3 takes them."""
     if n_envs == 1:
         recorder = Recorder(setting.make_env(), report)
