@@ -89,9 +89,10 @@ def read(path: Path) -> Contents:
     """Return what the file at `path` holds, mapped; anything may be raised if it is not as it was written."""
     # Copied where it is written to: compiled code is that for arrays that were made here, the file stays.
     row = np.lib.format.open_memmap(path, mode="c")
-    if row.shape != (1,) or not {"scene", "code", "checksum"} < set(row.dtype.names or ()):
+    names = row.dtype.names or ()
+    if row.shape != (1,) or not {"scene", "code", "checksum"} < set(names):
         raise ValueError("it is no table")
-    arrays = {name: np.asarray(row[name][0]) for name in row.dtype.names}
+    arrays = {name: np.asarray(row[name][0]) for name in names}
     scene, code, checksum = (arrays.pop(name).item().decode() for name in ("scene", "code", "checksum"))
     contents = Contents(scene, code, arrays)
     if checksum != _checksum(path.name, contents):

@@ -63,11 +63,11 @@ def print_cache() -> None:
         if (held := entry.contents) is not None:
             row = [_counted(len(held.frames)), _made_by(held.simulator == frames.SIMULATOR), held.scene]
         shown.add_row(row[0], *_size_and_use(entry), *row[1:])
-    for entry in of_tables:
+    for one in of_tables:
         row = damaged
-        if (table := entry.contents) is not None:
+        if (table := one.contents) is not None:
             row = ["a table", _made_by(table.code == table_files.CODE), table.scene]
-        shown.add_row(row[0], *_size_and_use(entry), *row[1:])
+        shown.add_row(row[0], *_size_and_use(one), *row[1:])
     if of_frames or of_tables:
         Console().print(shown)
 
