@@ -53,7 +53,13 @@ def resolve(
             hyperparameters["buffer_size"] = max(int(hyperparameters["buffer_size"]), met.row.steps)
         seed = check_seed(seed)
         steps = whole_number("steps", met.row.steps if steps is None else steps, low=1)
-        n_envs = _environments(entry, n_envs, steps)
+        # Of the row's number, so many that they share the steps evenly.
+        n_envs = math.gcd(entry.n_envs, steps) if n_envs is None else n_envs
+        n_envs = whole_number("n_envs", n_envs, 1, MAX_ENVS)
+        if n_envs > 1 and entry.policy is None:
+            raise ValueError(f"n_envs must be 1 for an agent that is not Stable-Baselines3's, not {n_envs}.")
+        if steps % n_envs:
+            raise ValueError(f"steps must be a multiple of n_envs ({n_envs}), not {steps}.")
     except (ValueError, TypeError) as error:
         raise ConfigurationError(str(error)) from error
     return TrialConfig(
@@ -67,16 +73,3 @@ def resolve(
         environment=met.record(),
         n_envs=n_envs,
     )
-
-
-def _environments(entry: zoo.Entry, n_envs: int | None, steps: int) -> int:
-    """Return how many environments learn in step, or raise ValueError or TypeError."""
-    if n_envs is not None:
-        n_envs = whole_number("n_envs", n_envs, 1, MAX_ENVS)
-        if n_envs > 1 and entry.policy is None:
-            raise ValueError(f"n_envs must be 1 for an agent that is not Stable-Baselines3's, not {n_envs}.")
-        if steps % n_envs:
-            raise ValueError(f"steps must be a multiple of n_envs ({n_envs}), not {steps}.")
-        return n_envs
-    # Of the row's number, so many that they share the steps evenly.
-    return math.gcd(entry.n_envs, steps)
