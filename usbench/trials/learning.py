@@ -73,7 +73,7 @@ class Learning:
         config = trial.config
         self._config, self._stopwatch, self._progress = config, stopwatch, progress
         self._resume_files: ResumeFiles | None = resume_files
-        self._generators: dict[str, Any] | None = None
+        self._goes_on = False
         self._interruption = interruption.Interruption()
         self._logger: Logger | None = None
         self._journals = tuple(Journal(trial.folder / name) for name in (EPISODES, EVALUATIONS))
@@ -124,10 +124,10 @@ class Learning:
         if learns_on and not senses.equal(observation, self.agent._last_obs):
             raise ValueError("it was made with other frames.")
         self.watch.put_back(content["watch"])
-        self._generators = content["generators"]
-        # Now, so that wrong ones are found here, and again when the agent begins to learn.
-        model_state.put_generators_back(self.agent, self._generators)
         self._stopwatch.add(content["seconds"])
+        # Last: whatever was made since the start has drawn from them.
+        model_state.put_generators_back(self.agent, content["generators"])
+        self._goes_on = True
 
     def learn(self, tensorboard: Path) -> None:
         """Let the agent learn what is left; one that is not Stable-Baselines3's is watched from outside.
@@ -139,13 +139,9 @@ class Learning:
         if isinstance(self.agent, BaseAlgorithm):
             self._logger = configure(str(tensorboard), ["tensorboard"])
             self.agent.set_logger(self._logger)
-            begun = self._generators is not None
-            if self._generators is not None:
-                # Last: whatever was made since the start has drawn from them.
-                model_state.put_generators_back(self.agent, self._generators)
-            left = steps - self.agent.num_timesteps if begun else steps
+            left = steps - self.agent.num_timesteps if self._goes_on else steps
             with interruption.put_off(self._progress.stopping) as self._interruption:
-                self.agent.learn(left, callback=self.watch, reset_num_timesteps=not begun)
+                self.agent.learn(left, callback=self.watch, reset_num_timesteps=not self._goes_on)
             return
         self.watch.from_outside(self.agent)
         self.agent.learn(steps)
