@@ -25,7 +25,8 @@ def test_there_are_agents_for_the_papers_tasks():
 @pytest.mark.parametrize("name", NAMES)
 def test_an_agent_plays_as_its_records_and_its_card_say(name):
     loaded, folder = usbench.load_agent(name), released.folder_of(name)
-    evaluator = Evaluator(Setting.recorded(loaded.config))
+    setting = Setting.recorded(loaded.config)
+    evaluator = Evaluator(setting, setting.evaluation_episodes())
     played = evaluator.play(loaded.agent, checkpoint=0, step=0, deterministic=True)
     evaluator.close()
     trial = records.Trial.read(folder)

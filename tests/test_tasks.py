@@ -84,7 +84,8 @@ def test_the_oracle_earns_the_anchors_optimum_on_the_whole_list(name, quick, mon
         {},
         policy=Setting(task=name).planner(),
     )
-    played = Evaluator(Setting(task=name, noise=0.0, n_frames=4)).play(
+    setting = Setting(task=name, noise=0.0, n_frames=4)
+    played = Evaluator(setting, setting.evaluation_episodes()).play(
         agent, checkpoint=0, step=0, deterministic=True
     )
     assert np.mean([one.return_ for one in played]) == pytest.approx(
@@ -106,7 +107,8 @@ def test_the_planner_knows_where_each_phantoms_object_is():
 
 def test_episodes_that_the_agent_ends_are_recorded_in_the_lists_order(quick):
     stop = len(FULL["exam-stop"].guidance.actions) - 1
-    played = Evaluator(Setting(task="exam-stop", noise=0.0, n_frames=4)).play(
+    setting = Setting(task="exam-stop", noise=0.0, n_frames=4)
+    played = Evaluator(setting, setting.evaluation_episodes()).play(
         Always(stop), checkpoint=0, step=0, deterministic=True
     )
     target = Pose(0, 50, 0)
@@ -121,7 +123,8 @@ def test_episodes_of_different_lengths_are_played_to_their_ends(quick):
         def predict(self, observation, state=None, episode_start=None, deterministic=False):
             return np.arange(len(observation)) % 2 * 7, state
 
-    played = Evaluator(Setting(task="exam-stop", noise=0.0, n_frames=4)).play(
+    setting = Setting(task="exam-stop", noise=0.0, n_frames=4)
+    played = Evaluator(setting, setting.evaluation_episodes()).play(
         Sometimes(), checkpoint=0, step=0, deterministic=True
     )
     assert [len(one.actions) for one in played] == [24, 1, 24, 1]

@@ -55,7 +55,8 @@ def test_rows_are_those_of_evaluations_and_tell_advice_obedience_and_seconds(fin
         == [row["player"] for row in rows].count("optimum")
         == 2
     )
-    evaluator = Evaluator(session.setting)
+    setting = session.setting
+    evaluator = Evaluator(setting, setting.evaluation_episodes())
     loaded = evaluator.play(session._opened.adviser._agent, checkpoint=0, step=0, deterministic=True)
     for row in rows:
         n = len(row["actions"])

@@ -114,8 +114,9 @@ def test_evaluation_leaves_every_generator_as_it_was(quick):
     model = VPG("CnnPolicy", env, device="cpu", seed=0)
     before = torch.get_rng_state(), np.random.get_state()[1].copy(), env.action_space.np_random.random
     state = model.action_space.np_random.bit_generator.state
+    setting = Setting(task="pp", noise=0.5, n_frames=4)
     first, second = (
-        Evaluator(Setting(task="pp", noise=0.5, n_frames=4)).play(
+        Evaluator(setting, setting.evaluation_episodes()).play(
             model, checkpoint=0, step=0, deterministic=False
         )
         for _ in range(2)
@@ -130,7 +131,8 @@ def test_evaluation_leaves_every_generator_as_it_was(quick):
 def test_value_based_agents_explore_in_each_episode_by_itself(quick, algo):
     env = make_env("pp")
     agent = zoo.make(algo, env, 0, {**zoo.hyperparameters(algo, "pp"), "buffer_size": 100})
-    evaluator = Evaluator(Setting(task="pp", noise=0.0, n_frames=4))
+    setting = Setting(task="pp", noise=0.0, n_frames=4)
+    evaluator = Evaluator(setting, setting.evaluation_episodes())
 
     def first_actions(deterministic):
         played = evaluator.play(agent, checkpoint=0, step=0, deterministic=deterministic)

@@ -25,7 +25,8 @@ def agent(quick, tmp_path, monkeypatch):
 
 
 def test_scores_anchors_and_frames_are_in_the_events(agent, tmp_path):
-    played = Evaluator(Setting(task="pp", noise=0.0, n_frames=4)).play(
+    setting = Setting(task="pp", noise=0.0, n_frames=4)
+    played = Evaluator(setting, setting.evaluation_episodes()).play(
         agent, checkpoint=0, step=0, deterministic=True
     )
     tensorboard.begin(agent.logger)
@@ -49,7 +50,8 @@ def test_scores_anchors_and_frames_are_in_the_events(agent, tmp_path):
 
 
 def test_strip_shows_the_final_poses(agent):
-    played = Evaluator(Setting(task="pp", noise=0.0, n_frames=4)).play(
+    setting = Setting(task="pp", noise=0.0, n_frames=4)
+    played = Evaluator(setting, setting.evaluation_episodes()).play(
         agent, checkpoint=0, step=0, deterministic=True
     )
     strip = tensorboard.strip(agent, played[:2])

@@ -97,7 +97,7 @@ def test(trial: Path, algo: str) -> dict[str, object]:
     loaded = load_agent(trial, algo=algo)
     config = loaded.config
     setting = Setting(task=held_out.MANY[config.task], noise=config.noise, n_frames=config.n_frames)
-    evaluator = Evaluator(setting)
+    evaluator = Evaluator(setting, setting.evaluation_episodes())
     played = evaluator.play(loaded.agent, checkpoint=config.steps, step=config.steps, deterministic=True)
     evaluator.close()
     table = pd.DataFrame([episode.as_row() for episode in played])

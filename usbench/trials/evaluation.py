@@ -32,11 +32,11 @@ class Agent(Protocol):
 
 
 class Evaluator:
-    """The evaluation episodes of a setting, ready to be played by any agent; the true reward counts."""
+    """Episodes of a setting, ready to be played by any agent; the true reward counts."""
 
-    def __init__(self, setting: Setting, episodes: Sequence[suite.EvaluationEpisode] | None = None) -> None:
-        """Make one environment per episode: of the setting's list, or of `episodes` in its place."""
-        self.episodes = setting.evaluation_episodes() if episodes is None else tuple(episodes)
+    def __init__(self, setting: Setting, episodes: Sequence[suite.EvaluationEpisode]) -> None:
+        """Make one environment per episode; those of the evaluation are `setting.evaluation_episodes()`."""
+        self.episodes = tuple(episodes)
         self._facts: dict[int, dict[str, Any]] = {}
         self._envs = [
             Recorder(setting.scored.make_env(), partial(self._facts.__setitem__, number))

@@ -108,14 +108,14 @@ class _Run:
         self.agent: Any = None
         self.stopwatch = Stopwatch()
         points = suite.evaluation_points(config.task, config.steps)
-        n_episodes = len(suite.evaluation_episodes(config.task))
+        self.episodes = suite.evaluation_episodes(config.task)
         self.trial = Trial(
             folder=self.folder,
             status="running",
             config=config,
             anchors=self.setting.anchors(progress.frames),
             evaluation_points=points,
-            n_evaluation_episodes=n_episodes,
+            n_evaluation_episodes=len(self.episodes),
             versions={"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
             platform=platform.platform(),
             started=datetime.now(UTC).isoformat(timespec="seconds"),
@@ -164,7 +164,7 @@ class _Run:
 
     def _train_and_evaluate(self, goes_on: bool) -> None:
         """Train for exactly the budget; every episode and every evaluation is recorded."""
-        self.evaluator = Evaluator(self.setting)
+        self.evaluator = Evaluator(self.setting, self.episodes)
         for path, content in self.resume_files.read() if goes_on else ():
             with contextlib.closing(self._learning()) as learning:
                 try:
