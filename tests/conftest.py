@@ -1,6 +1,7 @@
 """Quick trials: frames drawn instead of simulated, and a handful of evaluation episodes."""
 
 import gc
+import os
 import shutil
 import signal
 from pathlib import Path
@@ -21,8 +22,11 @@ def pytest_collection_finish():
 @pytest.fixture(scope="session", autouse=True)
 def _cache(tmp_path_factory):
     """Every test and every process that it starts share one folder of frames, never the user's."""
+    root = tmp_path_factory.getbasetemp()
+    # The processes among which the tests are shared out have a folder each beside those of the others.
+    root = root.parent if "PYTEST_XDIST_WORKER" in os.environ else root
     with pytest.MonkeyPatch.context() as monkeypatch:
-        monkeypatch.setenv("USBENCH_CACHE", str(tmp_path_factory.mktemp("cache")))
+        monkeypatch.setenv("USBENCH_CACHE", str(root / "cache"))
         yield
 
 
