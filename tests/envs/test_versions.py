@@ -1,9 +1,15 @@
 """What docs/versions.md promises of every id that ends with -v0: walks of today are those on record."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
-from walks import WALKS, ids, recorded, walk, was_recorded_here
+from walks import WALKS, ids, recorded, table, walk, was_recorded_here
 
+from usbench import released
+from usbench.records import Trial
+
+PAGE = Path(__file__).parents[2] / "docs" / "versions.md"
 # Processors round differently, and a pixel between two grey levels falls to either.
 MOST_PIXELS = 4  # of the 3600 of a frame
 
@@ -27,3 +33,13 @@ def test_every_version_is_on_record():
     for name in WALKS:
         frames = recorded(name)["frames"]
         assert len({frame.tobytes() for frame in frames}) >= 3 and (frames.max(axis=(1, 2)) > 100).all()
+
+
+def test_the_page_states_digests_and_returns_of_the_record():
+    assert "\n".join(table()) in PAGE.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("task", ["fp", "pp"])
+def test_the_page_states_the_digest_that_trials_record(task):
+    digest = Trial.read(released.FOLDER / f"best-{task}").frames.digest
+    assert f"`{task}` has `{digest[:16]}`" in PAGE.read_text(encoding="utf-8")

@@ -1,10 +1,11 @@
 """Short walks through every environment with an id that ends with -v0, and what was recorded of them.
 
 `python tests/support/walks.py` prints how far the walks of this machine are from the record. `--write` adds
-those of ids that are new; the others are frozen (docs/versions.md).
+those of ids that are new; the others are frozen. `--table` prints the table of docs/versions.md.
 """
 
 import argparse
+import hashlib
 import warnings
 from importlib import metadata
 from pathlib import Path
@@ -63,6 +64,21 @@ def recorded(name):
         return {kind: file[f"{name}/{kind}"] for kind in KINDS}
 
 
+def table():
+    """Return the walks on record as the lines of a Markdown table: actions, return, digest of frames."""
+    lines = [
+        "| id | options of the reset | actions | return | digest of the frames |",
+        "|---|---|---|---|---|",
+    ]
+    for name, (options, actions) in WALKS.items():
+        record = recorded(name)
+        digest = hashlib.sha256(record["frames"].tobytes()).hexdigest()[:16]
+        places = ", ".join(f"`{key}={value}`" for key, value in options.items()) or "none"
+        done = ", ".join(map(str, actions))
+        lines.append(f"| `{name}` | {places} | {done} | {record['rewards'].sum():.5f} | `{digest}` |")
+    return lines
+
+
 def machine():
     """Return the kind of processor and the libraries with which frames have the same bits, in words."""
     libraries = (f"{name} {metadata.version(name)}" for name in LIBRARIES)
@@ -83,7 +99,12 @@ def ids():
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--write", action="store_true", help="add the walks that are not on record")
-    if parser.parse_args().write:
+    parser.add_argument("--table", action="store_true", help="print the table of the page alone")
+    arguments = parser.parse_args()
+    if arguments.table:
+        print(*table(), sep="\n")
+        return
+    if arguments.write:
         with np.load(RECORD) as file:
             record = dict(file)
         for name in WALKS:
