@@ -119,14 +119,17 @@ def ablations(steps: int, seeds: list[int], out: Path) -> Table:
 
 
 def gap(steps: int, seeds: list[int], out: Path) -> Table:
-    """Return the scores on known and on unseen phantoms, by the number of training phantoms."""
-    table = Table("training phantoms", "known", "unseen", title=f"{ALGO} on {TASK}, {steps} steps")
+    """Return the scores on known and on unseen phantoms, by the fixed set of training phantoms."""
+    head = ("training phantoms", "set (digest)", "known", "unseen")
+    table = Table(*head, title=f"{ALGO} on {TASK}, {steps} steps")
     for count in COUNTS:
         found = trained(
             [resolve(ALGO, TASK, seed=seed, steps=steps, n_phantoms=count, **SETTING) for seed in seeds], out
         )
         known = [known_score(trial, count) for trial in found]
-        table.add_row(str(count or "no limit"), shown(known), shown([score(trial) for trial in found]))
+        digest = found[0].config.environment["phantoms"].get("digest", "")
+        unseen = shown([score(trial) for trial in found])
+        table.add_row(str(count or "no limit"), digest, shown(known), unseen)
     return table
 
 

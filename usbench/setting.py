@@ -113,7 +113,7 @@ class Setting:
         """
         environment = config.environment
         try:
-            return cls(
+            found = cls(
                 task=suite.name_of(environment.get("id"), config.task),
                 noise=config.noise,
                 n_frames=config.n_frames,
@@ -124,6 +124,8 @@ class Setting:
                 senses=tuple(environment.get("senses", ())),
                 n_phantoms=environment.get("phantoms", {}).get("count"),
             )
+            found._check_set(environment.get("phantoms", {}).get("digest"))
+            return found
         except ConfigurationError:
             raise
         except (AttributeError, KeyError, TypeError, ValueError) as error:
@@ -133,6 +135,8 @@ class Setting:
         """Return the environment as plain values, as a trial records it."""
         plain = self.plain_env()
         scene = {name: _plain_values(getattr(plain, name)) for name in plain.scene}
+        if self.n_phantoms is not None:
+            scene["phantoms"]["digest"] = plain.phantoms.digest
         own = {} if self.anatomy is None else anatomy_record.plain(self.anatomy)
         reward = {} if self.reward == TRUE_REWARD else {"reward": self.reward}
         senses = {"senses": list(self.senses)} if self.senses else {}
@@ -278,6 +282,14 @@ class Setting:
     def scored(self) -> Setting:
         """The same setting with the true reward, by which every agent is judged."""
         return replace(self, reward=TRUE_REWARD)
+
+    def _check_set(self, digest: object) -> None:
+        """Raise ConfigurationError unless the set of training phantoms is the recorded one, if one is."""
+        if digest is not None and digest != self.plain_env().phantoms.digest:
+            raise ConfigurationError(
+                f"the trial's {self.n_phantoms} training phantoms are the set {digest!r}, but this version "
+                f"draws the set {self.plain_env().phantoms.digest!r}."
+            )
 
     def _check_anatomy(self, anatomy: Anatomy) -> None:
         """Raise ValueError if the task draws its phantoms, or none of its poses is the anatomy's goal."""

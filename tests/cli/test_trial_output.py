@@ -1,5 +1,6 @@
 """What stands in the terminal when a trial has ended."""
 
+import json
 import re
 import sys
 
@@ -94,3 +95,14 @@ def test_a_trial_ends_with_the_next_two_commands(finished, capsys):
     *_, first, second = capsys.readouterr().out.splitlines()
     assert first.split(None, 1) == ["next:", f"usbench watch {finished}"]
     assert second.strip() == f"usbench guide {finished}"
+
+
+def test_the_set_of_training_phantoms_is_told_before_and_after(quick, tmp_path, capsys):
+    argv = ["run", "--algo", "vpg", "--task", "pp-random", "--n-phantoms", "3", "--steps", "64"]
+    assert cli.main([*argv, "--out", str(tmp_path)]) == 0
+    (folder,) = tmp_path.iterdir()
+    phantoms = json.loads((folder / "trial.json").read_text())["config"]["environment"]["phantoms"]
+    words = f"3 training phantoms (set {phantoms['digest']})"
+    captured = capsys.readouterr()
+    assert f"64 training steps on {words};" in captured.err
+    assert f"Trained on {words}; none of them is in the evaluation." in " ".join(captured.out.split())

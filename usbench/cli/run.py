@@ -151,7 +151,8 @@ def _begin(config: TrialConfig, args: argparse.Namespace) -> Trial | None:
         raise records.unwritable(args.out, error) from error
     trial = records.Trial.find(args.out / config.folder_name)
     if not args.quiet and (args.overwrite or trial is None or trial.status != "finished"):
-        how = f"{config.steps} training steps" if config.steps else "evaluation alone"
+        where = f" on {config.phantom_set}" if config.phantom_set else ""
+        how = f"{config.steps} training steps{where}" if config.steps else "evaluation alone"
         told = f"{config.title}: {how}; frames that are not kept are simulated first"
         print(told, file=sys.stderr, flush=True)
     return trial

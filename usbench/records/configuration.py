@@ -57,6 +57,14 @@ class TrialConfig:
         return f"{self.algo} on {self.task}, noise {self.noise:g}, seed {self.seed}"
 
     @property
+    def phantom_set(self) -> str:
+        """The fixed set of training phantoms in words, with the digest that names it; "" where none is."""
+        phantoms = self.environment.get("phantoms", {})
+        if "digest" not in phantoms:
+            return ""
+        return f"{phantoms['count']} training phantoms (set {phantoms['digest']})"
+
+    @property
     def folder_name(self) -> str:
         """`<task>-p<noise>-<algo>-s<seed>-<hash>`."""
         algo = self.algo.replace(":", ".")  # no colon in a name on Windows

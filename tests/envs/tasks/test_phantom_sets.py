@@ -9,6 +9,7 @@ import pytest
 import usbench  # noqa: F401, registers the environments
 from usbench.checks import ConfigurationError
 from usbench.envs import frames
+from usbench.envs.tasks import random_phantoms
 from usbench.envs.tasks.random_phantoms import FIRST_HELD_OUT, PhantomDistribution
 from usbench.setting import Setting
 from usbench.trials.configuration import resolve
@@ -44,6 +45,47 @@ def test_a_trial_records_its_set_and_has_a_name_of_its_own():
     assert few.environment["phantoms"]["count"] == 20
     assert Setting.recorded(few).n_phantoms == 20
     assert Setting.recorded(every).n_phantoms is None
+
+
+def test_a_set_is_named_by_a_digest_of_its_phantoms():
+    few, other = (resolve("dqn", "pp-random", n_phantoms=n) for n in (20, 21))
+    digest = few.environment["phantoms"]["digest"]
+    assert digest == Setting(task="pp-random", n_phantoms=20).plain_env().phantoms.digest
+    assert digest != other.environment["phantoms"]["digest"]
+    assert few.phantom_set == f"20 training phantoms (set {digest})"
+    # What is trained on without a limit is no set, and names of such trials stay.
+    every = resolve("dqn", "pp-random")
+    assert "digest" not in every.environment["phantoms"] and every.phantom_set == ""
+    # As many phantoms of another distribution are another set.
+    assert digest != resolve("dqn", "fp-random", n_phantoms=20).environment["phantoms"]["digest"]
+
+
+def test_a_digest_tells_of_phantoms_that_are_drawn_otherwise(monkeypatch):
+    phantoms = PhantomDistribution((0, 5), (50,), (0, 90), count=2)
+    before, drawn = phantoms.digest, PhantomDistribution.phantom
+    monkeypatch.setattr(PhantomDistribution, "phantom", lambda self, seed: drawn(self, seed + 1))
+    # Past what is kept of the digest.
+    assert random_phantoms._digest.__wrapped__(phantoms) != before
+
+
+def test_a_trial_of_another_set_is_refused():
+    config = resolve("dqn", "pp-random", n_phantoms=20)
+    phantoms = {**config.environment["phantoms"], "digest": "0123456789abcdef"}
+    other = replace(config, environment={**config.environment, "phantoms": phantoms})
+    with pytest.raises(ConfigurationError, match="20 training phantoms are the set '0123456789abcdef', but"):
+        Setting.recorded(other)
+
+
+@pytest.mark.parametrize("task", ["pp-random", "pp-tracked", "fp-random", "exam-random", "exam-tracked"])
+def test_no_set_has_a_phantom_of_the_evaluation(task):
+    largest = Setting(task=task, n_phantoms=FIRST_HELD_OUT).plain_env().phantoms
+    rng = np.random.default_rng(0)
+    assert max(largest.training_number(rng) for _ in range(1000)) < FIRST_HELD_OUT
+    evaluated = Setting(task=task).evaluation_phantoms()
+    assert min(phantom.seed for phantom in evaluated) >= FIRST_HELD_OUT
+    # Nor is one of the evaluation a copy: none has the object of one that is trained on.
+    trained = {largest.phantom(number).object_of_interest for number in range(200)}
+    assert trained.isdisjoint(phantom.object_of_interest for phantom in evaluated)
 
 
 def test_frames_of_a_set_are_simulated_once(monkeypatch):

@@ -140,15 +140,16 @@ def trial_table(folder: Path) -> Table:
 def legend(folder: Path) -> list[str]:
     """Return what the columns of `trial_table` mean, and what its numbers are means of, a line each."""
     trial = Trial.read(folder)
+    config = trial.config
     lines = [f"{column.title.replace(chr(10), ' ')}: {column.meaning}" for column in _columns(trial)]
     lines.append(
-        f"Means of {trial.n_evaluation_episodes} evaluation episodes after {trial.config.steps} training "
+        f"Means of {trial.n_evaluation_episodes} evaluation episodes after {config.steps} training "
         "steps; the returns of random and optimal are exact expectations."
     )
+    if config.steps and config.phantom_set:
+        lines.append(f"Trained on {config.phantom_set}; none of them is in the evaluation.")
     if trial.explores:
-        lines.append(
-            f"{trial.config.algo} samples actions only to explore, so that greedy actions are shown."
-        )
+        lines.append(f"{config.algo} samples actions only to explore, so that greedy actions are shown.")
     return lines
 
 
