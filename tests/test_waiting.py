@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from usbench import cli, waiting
+from usbench.envs.field.elevation import elevation_taps
 from usbench.envs.field.response_table import forget_tables
 from usbench.envs.probe import LinearArray
 from usbench.envs.rf import simulate_iq
@@ -50,17 +51,19 @@ def impatient(monkeypatch):
     monkeypatch.setattr(waiting, "LONG_S", 0.0)
     monkeypatch.setattr(waiting, "_MEASURED_S", 0.0)
     forget_tables()
+    elevation_taps.cache_clear()
 
 
-def test_the_library_tells_of_tables_and_sums(impatient, caplog, tmp_path, monkeypatch):
+def test_the_library_tells_of_filters_tables_and_sums(impatient, caplog, tmp_path, monkeypatch):
     monkeypatch.setenv("USBENCH_CACHE", str(tmp_path))
     caplog.set_level(logging.INFO)
     rng = np.random.default_rng(0)
     points = rng.uniform([-2e-3, -1e-3, 5e-3], [2e-3, 1e-3, 20e-3], (600, 3))
     simulate_iq(points, np.ones(600), SMALL, 0.0123)
-    assert len(told(caplog)) == 2
-    assert "for the focal depth 12.3 mm: some" in told(caplog)[0]
-    assert told(caplog)[1].startswith("Summing 600 scatterers for 4 lines: some")
+    filters, table, summing = told(caplog)
+    assert filters.startswith("Fitting the filters of a probe's height: some")
+    assert "for the focal depth 12.3 mm: some" in table
+    assert summing.startswith("Summing 600 scatterers for 4 lines: some")
     caplog.clear()
     simulate_iq(points[:200], np.ones(200), SMALL, 0.0123, [5e-3])
     assert [text.partition(":")[0] for text in told(caplog)] == [

@@ -39,6 +39,11 @@ def read_probe(name: str | Path) -> LinearArray:
     return _read(LinearArray, "probe", Path(name), texts.get(preset))
 
 
+def preset_of(probe: LinearArray) -> str | None:
+    """Return the name of the probe that comes with usbench and equals `probe`, None where none does."""
+    return next((name for name in _preset_texts() if read_probe(name) == probe), None)
+
+
 def read_imaging(path: Path) -> Imaging:
     """Return the imaging in a TOML file; fields that the file does not name have their defaults.
 

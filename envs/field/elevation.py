@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from usbench.envs.cache.table_files import on_disk
 from usbench.envs.probe import LinearArray
+from usbench.waiting import Waiting
 from usbench.words import in_words
 
 # Functions of other files are compiled again after a change of these flags only where __pycache__ is removed.
@@ -126,6 +127,7 @@ def _fitted(array: LinearArray, y_max: float, distance_max: float, attenuation: 
     taps = np.zeros((len(_KINDS), len(y_grid), len(distances), 2 * len(_OFFSETS)), dtype=np.float32)
     kinds = np.full((len(y_grid), len(distances)), len(_KINDS) - 1)
     path = np.empty((len(y_grid), len(distances)), dtype=np.float32)
+    waiting = Waiting("Fitting the filters of a probe's height", len(y_grid))
     for i, y in enumerate(y_grid):
         factor, extra = elevation_factor(array, float(y), distances, frequencies, attenuation)
         path[i] = 2.0 * (extra - on_plane_extra)
@@ -136,6 +138,7 @@ def _fitted(array: LinearArray, y_max: float, distance_max: float, attenuation: 
             at = 2 * np.array(_KINDS[k])
             taps[k, i][:, at], taps[k, i][:, at + 1] = coefficients.real, coefficients.imag
             kinds[i, _energy(weighted - coefficients @ bases[k].T) <= allowed] = k
+        waiting.done()
     # Between two rows, the longer of their filters.
     kinds = np.repeat(np.maximum(kinds[:-1], kinds[1:]), _REFINEMENT, axis=0)
     refined = np.select(

@@ -7,7 +7,7 @@ import pytest
 from matplotlib.image import imread
 from PIL import Image
 
-from usbench import cli
+from usbench import cli, read_probe
 from usbench.envs.bmode import DEFAULT_IMAGING, Imaging, log_compress
 from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Pose
@@ -138,6 +138,8 @@ def test_another_probe_and_imaging_are_what_is_seen_named_and_drawn(tmp_path, mo
         seen = snapshot.take(WIDE, OFF_GRID, kind)
         assert seen.values.shape[1] == 96
         assert snapshot_figure.figure(seen).axes[0].get_xlim() == pytest.approx((-30.0, 30.0))
+    preset = Source(probe=read_probe("l7-4"), imaging=Imaging(pixel_size=0.5e-3, median_size=1))
+    assert preset.changes == ["probe l7-4", "pixel_size 0.0005", "median_size 1"]
     # Nothing of another probe or imaging takes the place of the default's file.
     monkeypatch.chdir(tmp_path)
     plain, wide = (snapshot_files.path(None, "frame", source, OFF_GRID).name for source in (Source(), WIDE))

@@ -7,6 +7,7 @@ from typing import Any
 
 from gymnasium.envs.registration import load_env_creator
 
+from usbench import setting_files
 from usbench.checks import number, whole_number
 from usbench.envs.anatomy.points import PointScatterers
 from usbench.envs.bmode import DEFAULT_IMAGING, Imaging
@@ -49,19 +50,25 @@ class Source:
 
     @property
     def changes(self) -> list[str]:
-        """Fields of probe and imaging that differ from the task's own, as "n_lines 96"."""
-        return [
-            f"{field.name} {value:g}" if isinstance(value, int | float) else f"{field.name} {value}"
-            for part, own in ((self.probe, DEFAULT_ARRAY), (self.imaging, self.usual))
-            for field in fields(part)
-            if (value := getattr(part, field.name)) != getattr(own, field.name)
-        ]
+        """What differs from the task's own: a probe of usbench by its name, else fields as "n_lines 96"."""
+        name = setting_files.preset_of(self.probe)
+        probe = [f"probe {name}"] if name else _changed(self.probe, DEFAULT_ARRAY)
+        return probe + _changed(self.imaging, self.usual)
 
     @property
     def names(self) -> list[str]:
         """Parts of the name of a file: the label, and a digest of what differs from the defaults."""
         digest = hashlib.sha256(repr((self.probe, self.imaging)).encode()).hexdigest()[:8]
         return [name for name in (self.label, digest if self.changes else "") if name]
+
+
+def _changed(part: LinearArray | Imaging, own: LinearArray | Imaging) -> list[str]:
+    """Return the fields of `part` that differ from those of `own`, with their values."""
+    return [
+        f"{field.name} {value:g}" if isinstance(value, int | float) else f"{field.name} {value}"
+        for field in fields(part)
+        if (value := getattr(part, field.name)) != getattr(own, field.name)
+    ]
 
 
 def pose(
