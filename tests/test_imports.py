@@ -99,7 +99,7 @@ BELOW = tuple(
     f"usbench.{name}"
     for name in ["anchors", "atomic", "ceilings", "checks", "coordinates", "records", "released", "tasks"]
 )
-SCENE = ("usbench.setting", "usbench.suite", "usbench.envs")
+SCENE = ("usbench.setting", "usbench.setting_files", "usbench.suite", "usbench.envs")
 # Modules that ask agents, which takes torch.
 ASKING = {"watch/advice", "watch/selection", "report/actions"}
 # Figures about poses know what a task is.
