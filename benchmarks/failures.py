@@ -1,7 +1,8 @@
 """Where agents fail: poses that look alike, how episodes end, scores with a single frame: `make failures`.
 
 Prints the tables for docs/failures.md and draws its figures. Look-alikes come from the frames of the default
-phantom, all else from the records in folders of trials.
+phantom, all else from the records in folders of trials. How episodes end is kept in a table beside its
+figure, which is drawn from that table where there are no trials.
 """
 
 import argparse
@@ -10,12 +11,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 
 from usbench import records, suite
 from usbench.envs.frames import frame_store
 from usbench.figures import episode_ends, look_alikes, style
 from usbench.results import tables
+from usbench.results.protocol import further
 from usbench.setting import make_env
 
 NOT_DRAWN = ("random", "stay")
@@ -37,9 +39,24 @@ def collected(runs: list[Path]) -> tables.Results:
     )
 
 
+def ends_of(runs: Path) -> pd.DataFrame | None:
+    """Return how episodes of the paper's tasks end, of the finished trials of the protocol's grid in `runs`.
+
+    None where there are none. Trials of the further tables, with other frames, networks or budgets, are not
+    among them.
+    """
+    if not runs.is_dir() or (evaluations := records.load(runs)).empty:
+        return None
+    trials = further.first(tables.collect(runs)).trials
+    own = trials[(trials["status"] == "finished") & trials["task"].isin(suite.PAPER)]
+    chosen = evaluations[evaluations["trial"].isin(own["trial"])]
+    return None if chosen.empty else episode_ends.shares(chosen)
+
+
 def printed(rows: pd.DataFrame, title: str) -> Table:
     """Return `rows` as a table: numbers with two digits, an empty cell where there is no number."""
-    table = Table(*(str(name).replace("_", " ") for name in rows.columns), title=title)
+    columns = [Column(str(name).replace("_", " "), overflow="fold") for name in rows.columns]
+    table = Table(*columns, title=title)
     for row in rows.itertuples(index=False):
         table.add_row(*("" if pd.isna(v) else f"{v:.2f}" if isinstance(v, float) else str(v) for v in row))
     return table
@@ -52,7 +69,7 @@ def main() -> None:
     parser.add_argument("--frames", type=Path, help="folder of trials with other numbers of frames")
     parser.add_argument("--pairs", type=int, default=8, help="look-alikes per task (default 8)")
     parser.add_argument("--figure", type=Path, help="also draw the look-alikes here (PNG, SVG or PDF)")
-    parser.add_argument("--ends", type=Path, help="also draw here how episodes end")
+    parser.add_argument("--ends", type=Path, help="also draw here how episodes end; the table .csv beside it")
     args = parser.parse_args()
     known = {suite.TASKS[task].guidance: frames(task) for task in suite.PAPER}
     console = Console(width=110)
@@ -62,14 +79,18 @@ def main() -> None:
         console.print(printed(pairs, f"{task.title}: look-alikes that need different actions"))
     if args.figure:
         style.save(look_alikes.draw(known), args.figure)
-    if not args.runs.is_dir() or (evaluations := records.load(args.runs)).empty:
-        return
-    ends = episode_ends.shares(evaluations[evaluations["status"] == "finished"])
-    console.print(printed(ends, "How episodes end, greedy actions, as shares"))
-    if args.ends:
-        style.save(episode_ends.draw(ends[~ends["algo"].isin(NOT_DRAWN)]), args.ends)
+    ends, table = ends_of(args.runs), args.ends and args.ends.with_suffix(".csv")
+    if ends is not None and table:
+        ends.to_csv(table, index=False, float_format="%.4f", lineterminator="\n")
+    elif table and table.exists():
+        ends = pd.read_csv(table)
+    if ends is not None:
+        console.print(printed(ends, "How episodes end, greedy actions, as shares"))
+        if args.ends:
+            style.save(episode_ends.draw(ends[~ends["algo"].isin(NOT_DRAWN)]), args.ends)
     if args.frames:
-        rows = episode_ends.by_frames(collected([args.runs, args.frames]))
+        folders = [folder for folder in (args.runs, args.frames) if folder.is_dir()]
+        rows = episode_ends.by_frames(collected(folders))
         console.print(printed(rows, "Scores by the frames of an observation"))
 
 
