@@ -1,4 +1,4 @@
-"""The page in a real Chromium without a network: nothing missing, too wide, moving against a wish or inaccessible."""
+"""The page in a real Chromium, offline: complete, not too wide, still if that is wished, accessible."""
 
 import os
 import shutil
