@@ -100,8 +100,8 @@ def test_a_trial_ends_with_the_next_two_commands(finished, capsys):
 def test_the_set_of_training_phantoms_is_told_before_and_after(quick, tmp_path, capsys):
     argv = ["run", "--algo", "vpg", "--task", "pp-random", "--n-phantoms", "3", "--steps", "64"]
     assert cli.main([*argv, "--out", str(tmp_path)]) == 0
-    (folder,) = tmp_path.iterdir()
-    phantoms = json.loads((folder / "trial.json").read_text())["config"]["environment"]["phantoms"]
+    (record,) = tmp_path.glob("*/trial.json")
+    phantoms = json.loads(record.read_text())["config"]["environment"]["phantoms"]
     words = f"3 training phantoms (set {phantoms['digest']})"
     captured = capsys.readouterr()
     assert f"64 training steps on {words};" in captured.err
