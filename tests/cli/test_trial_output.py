@@ -85,9 +85,20 @@ def test_a_line_in_a_pipe_says_how_long_the_training_goes_on(monkeypatch, capsys
     assert second.endswith("score 0.20, about 4 min to go")
 
 
-@pytest.mark.parametrize(("seconds", "said"), [(3, "about 10 s"), (44, "about 40 s"), (170, "about 3 min")])
+@pytest.mark.parametrize(
+    ("seconds", "said"),
+    [(3, "about 10 s"), (44, "about 40 s"), (170, "about 3 min"), (9100, "about 2.5 h")],
+)
 def test_durations_in_words(seconds, said):
     assert trial_output.duration(seconds) == said
+
+
+def test_how_long_it_will_take_stands_before_the_training(quick, tmp_path, capsys):
+    argv = ["run", "--algo", "dqn", "--task", "pp", "--steps", "160", "--out", str(tmp_path)]
+    assert cli.main(argv) == 0
+    told = capsys.readouterr().err
+    expected = re.search(r"training and evaluations: about \d+ (s|min), at the rate of a short reh", told)
+    assert told.index("160 training steps") < expected.start() < told.index("step 0: evaluation return")
 
 
 def test_a_trial_ends_with_the_next_two_commands(finished, capsys):

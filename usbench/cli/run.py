@@ -121,7 +121,9 @@ def _call(args: argparse.Namespace) -> None:
     follow = args.wandb and (args.overwrite or trial is None or trial.status != "finished")
     try:
         with wandb_run.followed(config) if follow else contextlib.nullcontext():
-            result = runner.run_trial(config, args.out, overwrite=args.overwrite, progress=progress)
+            result = runner.run_trial(
+                config, args.out, overwrite=args.overwrite, progress=progress, rehearse=not args.quiet
+            )
     finally:
         progress.close()
     if result.has_other_code:

@@ -22,6 +22,9 @@ class Progress(Protocol):
     def frames(self, done: int, total: int) -> None:
         """`done` of `total` frames are simulated."""
 
+    def expected(self, seconds: float) -> None:
+        """Training and evaluations, which begin now, will take about so long."""
+
     def training(self, step: int, steps: int, mean_return: float, score: float) -> None:
         """Training is at `step` of `steps`; mean return and normalised score of the last episodes."""
 
@@ -39,6 +42,9 @@ class Silent:
     """A `Progress` that tells nothing."""
 
     def frames(self, done: int, total: int) -> None:
+        """Say nothing."""
+
+    def expected(self, seconds: float) -> None:
         """Say nothing."""
 
     def training(self, step: int, steps: int, mean_return: float, score: float) -> None:
@@ -172,10 +178,10 @@ class TrainingWatch(BaseCallback):
     def _on_step(self) -> bool:
         self._tell()
         # Ending a rollout here leaves it out of training, so only one that would overrun the budget is ended.
-        return self.num_timesteps < self._steps or self._steps % _rollout_steps(self.model) == 0
+        return self.num_timesteps < self._steps or self._steps % rollout_steps(self.model) == 0
 
 
-def _rollout_steps(model: Any) -> int:
+def rollout_steps(model: Any) -> int:
     """Return how many steps the algorithm collects before it learns from them, of all environments."""
     # Off-policy first: their `n_steps` is the length of n-step returns.
     each = model.train_freq.frequency if hasattr(model, "train_freq") else model.n_steps

@@ -89,7 +89,7 @@ class Learning:
         )
         self._recorder: Recorder | VectorRecorder
         vec_env: VecEnv
-        self._recorder, vec_env = _recorded(setting, config.n_envs, self.watch.on_episode)
+        self._recorder, vec_env = recorded(setting, config.n_envs, self.watch.on_episode)
         env_seed, agent_seed = seeds_of(config.seed, config.algo)
         self.agent = make_agent(setting, config.algo, vec_env, agent_seed, config.hyperparameters)
         # After the agent was made: SB3 hands its own seed to the environment there.
@@ -188,7 +188,7 @@ class Learning:
         resume_files.write(self.agent.num_timesteps, content)
 
 
-def _recorded(setting: Setting, n_envs: int, report: Report) -> tuple[Recorder | VectorRecorder, VecEnv]:
+def recorded(setting: Setting, n_envs: int, report: Report) -> tuple[Recorder | VectorRecorder, VecEnv]:
     """Return what records the episodes of `n_envs` environments, and the environments as SB3 takes them."""
     if n_envs == 1:
         recorder = Recorder(setting.make_env(), report)

@@ -20,6 +20,7 @@ from usbench.agents import zoo
 from usbench.atomic import atomic_path
 from usbench.records import Trial, TrialConfig, checksums
 from usbench.setting import Setting
+from usbench.trials import rehearsal
 from usbench.trials.callback import Progress, Silent
 from usbench.trials.configuration import PACKAGES
 from usbench.trials.evaluation import Evaluator, explores
@@ -56,11 +57,17 @@ class Result:
 
 
 def run_trial(
-    config: TrialConfig, out: Path, *, overwrite: bool = False, progress: Progress | None = None
+    config: TrialConfig,
+    out: Path,
+    *,
+    overwrite: bool = False,
+    progress: Progress | None = None,
+    rehearse: bool = False,
 ) -> Result:
     """Run one trial and leave its records in `out`; one that was ended goes on from its last resume file.
 
-    A finished one is not run again unless `overwrite`; one that another process runs is waited for.
+    A finished one is not run again unless `overwrite`; one that another process runs is waited for. Where
+    `rehearse`, a few updates beforehand tell `progress` how long it will take.
 
     Raises:
         ConfigurationError: If `out` cannot be written.
@@ -79,20 +86,27 @@ def run_trial(
             # Again: another process may have finished it meanwhile.
             finished = None if overwrite else find_finished(config, out)
             if finished is None:
-                _run(config, out, ResumeFiles(folder, seconds), progress or Silent(), anew=overwrite)
+                files = ResumeFiles(folder, seconds)
+                _run(config, out, files, progress or Silent(), anew=overwrite, rehearse=rehearse)
     # Trials of earlier versions have recorded no code.
     codes = ("", checksums.of_source(zoo.model_class(config.algo)))
     return Result(folder, finished is not None, finished is not None and finished.code not in codes)
 
 
 def _run(
-    config: TrialConfig, out: Path, resume_files: ResumeFiles, progress: Progress, *, anew: bool
+    config: TrialConfig,
+    out: Path,
+    resume_files: ResumeFiles,
+    progress: Progress,
+    *,
+    anew: bool,
+    rehearse: bool,
 ) -> None:
     # One thread per trial: as fast on frames of this size, and the bits do not depend on the machine.
     torch.set_num_threads(1)
     keep_freed()
     running = _Run(config, out, resume_files, progress)
-    running.run(anew=anew)
+    running.run(anew=anew, rehearse=rehearse)
     # Models and environments hold each other: without this, the memory of a worker grows from trial to trial.
     del running
     gc.collect()
@@ -122,7 +136,7 @@ class _Run:
             code=checksums.of_source(zoo.model_class(config.algo)),
         )
 
-    def run(self, *, anew: bool) -> None:
+    def run(self, *, anew: bool, rehearse: bool) -> None:
         """Do everything, and leave the true status behind whatever happens."""
         goes_on = not anew and bool(self.resume_files.paths())
         self._open_folder(goes_on)
@@ -130,6 +144,8 @@ class _Run:
             self._write()
             with self.stopwatch.timed("total_s"):
                 self._frames()
+                if rehearse and not goes_on:
+                    self._rehearse()
                 self._train_and_evaluate(goes_on)
                 self._write(references={name: self._reference(algo) for name, algo in REFERENCES.items()})
             self._save_model()
@@ -161,6 +177,18 @@ class _Run:
         with self.stopwatch.timed("frames_s"):
             frames = self.setting.prepare_frames(self.progress.frames)
         self.trial = replace(self.trial, frames=frames)
+
+    def _rehearse(self) -> None:
+        """Tell how long it will take, if that can be told; no trial ends because it cannot."""
+        with self.stopwatch.timed("rehearsal_s"):
+            try:
+                points = len(self.trial.evaluation_points)
+                expected = rehearsal.seconds(self.config, self.setting, self.episodes, points)
+            except Exception as error:  # whatever an algorithm of another package does
+                log.warning("how long it will take is not known: %s", " ".join(str(error).split()))
+                return
+        if expected is not None:
+            self.progress.expected(expected)
 
     def _train_and_evaluate(self, goes_on: bool) -> None:
         """Train for exactly the budget; every episode and every evaluation is recorded."""

@@ -68,6 +68,11 @@ class Bars:
             self._quarter = 4 * done // total
             print(f"simulating frames: {done} of {total}", file=sys.stderr, flush=True)
 
+    def expected(self, seconds: float) -> None:
+        """Training and evaluations, which begin now, will take about so long."""
+        told = f"training and evaluations: {duration(seconds)}, at the rate of a short rehearsal"
+        print(told, file=sys.stderr, flush=True)
+
     def training(self, step: int, steps: int, mean_return: float, score: float) -> None:
         """Training is at `step` of `steps`; mean return and normalised score of the last episodes."""
         if self._begun is None:
@@ -171,10 +176,10 @@ def print_trial(folder: Path, figures: dict[str, Path]) -> None:
 
 
 def duration(seconds: float) -> str:
-    """Return about how long that is, in words: "about 40 s", "about 3 min"."""
-    return (
-        f"about {max(10 * round(seconds / 10), 10)} s" if seconds < 95 else f"about {round(seconds / 60)} min"
-    )
+    """Return about how long that is, in words: "about 40 s", "about 3 min", "about 2.5 h"."""
+    if seconds < 95:
+        return f"about {max(10 * round(seconds / 10), 10)} s"
+    return f"about {round(seconds / 60)} min" if seconds < 6000 else f"about {seconds / 3600:.1f} h"
 
 
 def not_learned(config: TrialConfig) -> str:

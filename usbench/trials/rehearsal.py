@@ -1,0 +1,106 @@
+"""How long a trial will take, before it starts: a few updates of an agent that is then thrown away.
+
+The rate of this machine as it is now counts, with all that a training does: frames are simulated or looked
+up, the agent acts and learns. Nothing of a rehearsal is kept but frames, which have the same bits whenever
+they are made; the trial's own agent seeds every generator again.
+"""
+
+import contextlib
+import gc
+import time
+from collections.abc import Sequence
+from typing import Any
+
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.logger import Logger
+from stable_baselines3.common.utils import ConstantSchedule
+
+from usbench import suite
+from usbench.agents import zoo
+from usbench.records import TrialConfig
+from usbench.setting import Setting
+from usbench.trials.callback import rollout_steps
+from usbench.trials.evaluation import Evaluator
+from usbench.trials.learning import make_agent, recorded, seeds_of
+
+# A rehearsal ends with the first update after so many seconds, or after this share of the trial's steps.
+LONGEST_S = 3.0
+LARGEST_SHARE = 0.02
+# Trials with fewer updates are not rehearsed.
+FEWEST_UPDATES = 20
+# So many episodes of the evaluation are played.
+N_EPISODES = 4
+
+
+def seconds(
+    config: TrialConfig,
+    setting: Setting,
+    episodes: Sequence[suite.EvaluationEpisode],
+    n_evaluations: int,
+) -> float | None:
+    """Return about how long training and evaluations will take, in seconds of wall time.
+
+    Args:
+        config: Of the trial.
+        setting: What its agent meets, with the frames of the evaluation prepared.
+        episodes: Those of one evaluation, which is played twice, with sampled and with greedy actions.
+        n_evaluations: How many evaluations there are.
+
+    Returns:
+        None for an agent that is not Stable-Baselines3's, and for a trial of fewer than 20 updates.
+    """
+    if not config.steps or not issubclass(zoo.model_class(config.algo), BaseAlgorithm):
+        return None
+    with contextlib.closing(Evaluator(setting, episodes[:N_EPISODES])) as evaluator:
+        env_seed, agent_seed = seeds_of(config.seed, config.algo)
+        _, vec_env = recorded(setting, config.n_envs, lambda facts: None)
+        agent = make_agent(setting, config.algo, vec_env, agent_seed, config.hyperparameters)
+        vec_env.seed(env_seed)
+        if config.steps < FEWEST_UPDATES * rollout_steps(agent):
+            return None
+        each_step = _of_a_step(agent, config.steps)
+        start = time.perf_counter()
+        evaluator.play(agent, checkpoint=0, step=0, deterministic=True)
+        each_episode = (time.perf_counter() - start) / len(evaluator.episodes)
+    # Agent and environments hold each other, and what they remember may be large.
+    del agent, vec_env
+    gc.collect()
+    return config.steps * each_step + 2 * n_evaluations * len(episodes) * each_episode
+
+
+def _of_a_step(agent: Any, steps: int) -> float:
+    """Return the seconds of a step of a training of `steps` steps, updates included."""
+    # As for the most part of a training: the agent learns, and explores as little as at the end.
+    if hasattr(agent, "learning_starts"):
+        agent.learning_starts = 0
+    if hasattr(agent, "exploration_schedule"):
+        agent.exploration_schedule = ConstantSchedule(agent.exploration_final_eps)
+    agent.set_logger(Logger(folder=None, output_formats=[]))
+    pace = _Pace(steps)
+    agent.learn(steps, callback=pace)
+    return pace.seconds_per_step
+
+
+class _Pace(BaseCallback):
+    """Notes when each rollout begins, and ends the training when enough is known."""
+
+    def __init__(self, steps: int) -> None:
+        super().__init__()
+        self._enough_steps = steps * LARGEST_SHARE
+        self._noted: list[tuple[float, int]] = []
+
+    @property
+    def seconds_per_step(self) -> float:
+        """Of all rollouts and updates but the first, which warms up, unless there is no other."""
+        known = self._noted[1:] if len(self._noted) > 2 else self._noted
+        (start, first), (end, last) = known[0], known[-1]
+        return (end - start) / (last - first)
+
+    def _on_rollout_start(self) -> None:
+        self._noted.append((time.perf_counter(), self.num_timesteps))
+
+    def _on_step(self) -> bool:
+        (start, _), (end, last) = self._noted[0], self._noted[-1]
+        is_enough = end - start >= LONGEST_S or last >= self._enough_steps
+        return not (len(self._noted) > 1 and is_enough)
