@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: help check-site check-links run task-pages test test-extras test-faults slow lint format typecheck bench-sim bench-vector bench-train compare leaderboard search coverage paper ceilings unseen figures failures scores verify-submission release-agents docs clean
+.PHONY: help check-site check-links check-docker run task-pages test test-extras test-faults slow lint format typecheck bench-sim bench-vector bench-train compare leaderboard search coverage paper ceilings unseen figures failures scores verify-submission release-agents docs clean
 .DEFAULT_GOAL := help
 
 help:  ## show the jobs
@@ -71,11 +71,15 @@ docs: $(VENV)/.docs  ## build the site into build/docs, the notebook run anew; a
 	rm -rf docs/api
 	$(BIN)/sphinx-build --quiet --fresh-env --fail-on-warning --keep-going -d build/doctrees docs build/docs
 
-check-site: docs  ## build the site, then check five of its pages in Chromium, light and dark (axe-core)
-	$(BIN)/python -m pytest -m site tests/site
+check-site: docs  ## build the site, check its links, and five of its pages in Chromium, light and dark (axe-core)
+	$(BIN)/python -m pytest -m "site and not links" tests/site
 
-check-links: $(VENV)/.docs  ## ask every address outside that a page names whether it is there (needs the internet)
-	$(BIN)/sphinx-build --quiet -b linkcheck -D nb_execution_mode=off -d build/doctrees docs build/links
+check-links: docs  ## build the site, check its links, and ask other sites for every page that ours name
+	$(BIN)/python -m pytest -m site tests/site/test_links.py
+
+check-docker:  ## build the image of the Dockerfile and run the tests in it (needs Docker)
+	docker build --tag usbench .
+	docker run --rm usbench
 
 compare: $(STAMP)  ## run what is missing of the paper's grid for every algorithm (many hours), write leaderboard.md
 	$(BIN)/usbench compare

@@ -54,6 +54,23 @@ def test_every_relative_link_leads_to_a_file(page):
     assert [name for name in sorted(files) if not (page.parent / name).exists()] == []
 
 
+def headings(page):
+    """Return the places of a page that links may name, as hosting sites spell them."""
+    text = re.sub(r"^```.*?^```", "", page.read_text(), flags=re.DOTALL | re.MULTILINE)
+    found = re.findall(r"^#+ (.+)$", text, re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in found}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_link_to_a_heading_arrives(page):
+    links = re.findall(r"\]\(([^)\s:]*?)#([^)\s]+)\)", page.read_text())
+    assert [
+        f"{name}#{place}"
+        for name, place in links
+        if (not name or name.endswith(".md")) and place not in headings(page.parent / name if name else page)
+    ] == []
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_dotted_name_exists(page):
     names = {*re.findall(r"\busbench(?:\.[A-Za-z_]\w*)+", page.read_text())} - GROUPS

@@ -17,6 +17,12 @@ OTHERS = {
     "half a mm": {"imaging": Imaging(height_px=140, width_px=80, pixel_size=0.5e-3)},
     "60 mm wide": {"imaging": Imaging(width_px=60), "probe": LinearArray(n_lines=96)},
 }
+# Starts and actions with few response tables: one focal depth for all tasks, a low frequency.
+WALKS = {
+    "ProbePlane-v0": ({}, 1),
+    "FocalPointRandom-v0": ({"focal_depth_mm": 50}, 1),
+    "ImagingSetup-v1": ({"focal_depth_mm": 50, "frequency_khz": 2000}, 5),
+}
 
 
 @pytest.fixture(params=OTHERS, autouse=True)
@@ -25,14 +31,15 @@ def other(request):
     return OTHERS[request.param]
 
 
-@pytest.mark.parametrize("task", ["ProbePlane-v0", "FocalPointRandom-v0", "ImagingSetup-v1"])
+@pytest.mark.parametrize("task", WALKS)
 def test_the_environment_is_as_gymnasium_wants_it(task, other):
+    options, action = WALKS[task]
     env = gym.make(f"usbench/{task}", render_mode="rgb_array", **other)
     imaging = other["imaging"]
     assert env.observation_space.shape == (imaging.height_px, imaging.width_px, 1)
-    observation, _ = env.reset(seed=3)
+    observation, _ = env.reset(seed=3, options=options)
     assert observation in env.observation_space and observation.any()
-    observation, *_ = env.step(1)
+    observation, *_ = env.step(action)
     assert observation in env.observation_space
     picture = env.render()
     assert picture.shape[0] == 580 and picture.shape[1] % 2 == 0 and picture.dtype == np.uint8

@@ -1,0 +1,101 @@
+"""Links within the built site arrive; pages of other sites are asked for (`make check-links`)."""
+
+import re
+import socket
+import urllib.error
+import urllib.parse
+import urllib.request
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+BUILT = ROOT / "build" / "docs"
+SOURCES = [
+    *(ROOT / name for name in ("README.md", "CHANGELOG.md", "CONTRIBUTING.md", "CITATION.cff")),
+    *sorted((ROOT / "docs").rglob("*.md")),
+    *sorted((ROOT / "docs").glob("*.ipynb")),
+]
+ADDRESS = re.compile(r"https?://[^\s\\\"'`<>()\[\]{}|]+")
+# Examples of addresses, and what is a folder for programs.
+NOT_PAGES = ("http://127.0.0.1", "http://localhost", "https://download.pytorch.org/whl")
+PATIENCE = 20  # s
+# Answers by which a site says that the page is not there; others refuse programs or are busy.
+GONE = (404, 410)
+pytestmark = pytest.mark.site
+
+
+class Page(HTMLParser):
+    """The places of a page that links may name, and the links that it has."""
+
+    def __init__(self, path):
+        super().__init__()
+        self.places, self.links = set(), []
+        self.feed(path.read_text(encoding="utf-8"))
+
+    def handle_starttag(self, tag, attributes):
+        for name, value in attributes:
+            if name == "id" or (tag == "a" and name == "name"):
+                self.places.add(value)
+            elif name in ("href", "src") and value is not None:
+                self.links.append(value)
+
+
+def addresses():
+    """Return the addresses of other sites that the pages name."""
+    found = {link.rstrip(".,;:") for path in SOURCES for link in ADDRESS.findall(path.read_text("utf-8"))}
+    return sorted(link for link in found if not link.startswith(NOT_PAGES) and "{" not in link)
+
+
+def answer(address):
+    """Return the status with which a site answers for an address."""
+    request = urllib.request.Request(address, headers={"User-Agent": "Mozilla/5.0 (usbench check-links)"})
+    try:
+        with urllib.request.urlopen(request, timeout=PATIENCE) as response:
+            return response.status
+    except urllib.error.HTTPError as error:
+        return error.code
+
+
+@pytest.fixture(scope="session")
+def internet():
+    """Skip where none of three sites that hardly ever fail together can be reached."""
+    for host in ("github.com", "pypi.org", "doi.org"):
+        try:
+            answer(f"https://{host}")
+        except OSError:
+            continue
+        return
+    pytest.skip("there is no internet here, so that addresses of other sites are not checked")
+
+
+def test_links_within_the_site_arrive():
+    pages = {path.resolve(): Page(path) for path in BUILT.rglob("*.html")}
+    assert len(pages) > 50
+    missing = set()
+    for path, page in pages.items():
+        for link in page.links:
+            parts = urllib.parse.urlsplit(link)
+            if parts.scheme or parts.netloc:
+                continue
+            place = (path.parent / urllib.parse.unquote(parts.path)).resolve() if parts.path else path
+            if not place.exists() or (
+                parts.fragment and place in pages and parts.fragment not in pages[place].places
+            ):
+                missing.add(f"{path.relative_to(BUILT)}: {link}")
+    assert sorted(missing) == []
+
+
+@pytest.mark.links
+@pytest.mark.parametrize("address", addresses())
+def test_pages_of_other_sites_are_there(internet, address):
+    try:
+        status = answer(address)
+    except (TimeoutError, ConnectionError):
+        pytest.skip(f"{address} does not answer")
+    except urllib.error.URLError as error:
+        if isinstance(error.reason, socket.gaierror):
+            pytest.fail(f"{address}: there is no such site")
+        pytest.skip(f"{address} does not answer: {error.reason}")
+    assert status not in GONE, f"{address}: the site answers {status}"
