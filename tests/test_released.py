@@ -5,6 +5,7 @@ import re
 
 import pandas as pd
 import pytest
+from fp_frames import FpFrames
 
 import usbench
 from usbench import cli, records, released
@@ -22,8 +23,26 @@ def test_there_are_agents_for_the_papers_tasks():
     assert {f"{kind}:{task}" for kind in ("best", "vpg") for task in PAPER} <= set(NAMES)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [name for name in NAMES if not name.endswith(":fp")])
 def test_an_agent_plays_as_its_records_and_its_card_say(name):
+    plays_as_told(name)
+
+
+@pytest.mark.parametrize("name", ["best:fp", "vpg:fp"])
+def test_an_agent_plays_so_in_the_frames_that_it_was_trained_on(name, monkeypatch):
+    frames = FpFrames()
+    assert records.Trial.read(released.folder_of(name)).frames.digest == frames.digest()
+    monkeypatch.setattr("usbench.envs.guidance.frame_store", lambda *_: frames)
+    plays_as_told(name)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["best:fp", "vpg:fp"])
+def test_an_agent_plays_so_in_frames_simulated_here(name):
+    plays_as_told(name)
+
+
+def plays_as_told(name):
     loaded, folder = usbench.load_agent(name), released.folder_of(name)
     setting = Setting.recorded(loaded.config)
     evaluator = Evaluator(setting, setting.evaluation_episodes())
