@@ -58,16 +58,20 @@ def answer(address):
         return error.code
 
 
+def is_reached(address):
+    """Say whether a site answers, whatever it answers."""
+    try:
+        answer(address)
+    except OSError:
+        return False
+    return True
+
+
 @pytest.fixture(scope="session")
 def internet():
-    """Skip where none of three sites that hardly ever fail together can be reached."""
-    for host in ("github.com", "pypi.org", "doi.org"):
-        try:
-            answer(f"https://{host}")
-        except OSError:
-            continue
-        return
-    pytest.skip("there is no internet here, so that addresses of other sites are not checked")
+    """Skip where two of three large sites cannot be reached: one may be a mirror, or down."""
+    if sum(is_reached(f"https://{host}") for host in ("github.com", "pypi.org", "doi.org")) < 2:
+        pytest.skip("there is no internet here, so that addresses of other sites are not checked")
 
 
 def test_links_within_the_site_arrive():
