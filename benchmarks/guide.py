@@ -43,11 +43,7 @@ def main() -> None:
         desk.start(lambda _: session)
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
         thread.start()
-        root = hasattr(os, "geteuid") and os.geteuid() == 0
-        browser = playwright.chromium.launch(
-            executable_path=shutil.which("chromium") or shutil.which("google-chrome"),
-            args=["--disable-gpu", *(["--no-sandbox"] if root else [])],
-        )
+        browser = chromium(playwright)
         try:
             page = browser.new_page(viewport={"width": 1400, "height": 880})
             page.goto(guide_server.address(listener, token))
@@ -67,6 +63,15 @@ def main() -> None:
             server.should_exit = True
             desk.close()
             thread.join()
+
+
+def chromium(playwright: Any) -> Any:
+    """Return a headless Chromium; as root it runs without a sandbox."""
+    root = hasattr(os, "geteuid") and os.geteuid() == 0
+    return playwright.chromium.launch(
+        executable_path=shutil.which("chromium") or shutil.which("google-chrome"),
+        args=["--disable-gpu", *(["--no-sandbox"] if root else [])],
+    )
 
 
 def episode(page: Any) -> list[int]:

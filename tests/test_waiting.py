@@ -35,6 +35,15 @@ def test_long_work_is_told_once_with_an_estimate_of_the_whole(clock, caplog):
     assert told(caplog) == ["Adding up: some 20 s."]  # after two parts and 1 s
 
 
+@pytest.mark.parametrize(
+    ("seconds", "words"), [(2.34, "2.3 s"), (89, "89 s"), (110, "2 min"), (7260, "121 min")]
+)
+def test_times_are_told_in_seconds_or_minutes(seconds, words, caplog):
+    caplog.set_level(logging.INFO)
+    waiting.announce("Adding up", seconds)
+    assert told(caplog) == [f"Adding up: some {words}."]
+
+
 @pytest.mark.parametrize(("n_parts", "step"), [(40, 0.01), (3, 0.5), (1, 5.0)])
 def test_short_work_and_what_is_over_at_once_is_not_told(clock, caplog, n_parts, step):
     caplog.set_level(logging.INFO)

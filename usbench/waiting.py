@@ -48,4 +48,4 @@ class Waiting:
 def announce(what: str, seconds: float) -> None:
     """Tell what is done and how long it will take altogether, if that is longer than LONG_S."""
     if seconds > LONG_S:
-        log.info("%s: some %.2g s.", what, seconds)
+        log.info("%s: some %s.", what, f"{seconds:.2g} s" if seconds < 90 else f"{seconds / 60:.0f} min")
