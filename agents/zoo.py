@@ -32,6 +32,8 @@ class Entry:
     # How many environments in step it learns in, unless a trial says otherwise.
     n_envs: int = 1
     learns: bool = True
+    # Whether a teacher who knows the simulator shows it what to do: it is shown as a ceiling, and not ranked.
+    taught: bool = False
     # Whether the agent looks at frames; for an agent that does not look, no frames are simulated.
     looks: bool = True
     # What it is, in a line.
@@ -242,6 +244,36 @@ UNSEARCHED: dict[str, Entry] = {
             "exploration_fraction": 0.2,
             "exploration_initial_eps": 1.0,
             "exploration_final_eps": 0.05,
+            "max_grad_norm": 10.0,
+            "max_shift_px": 0,
+        },
+    ),
+    "distilled": Entry(
+        title="student of the best policy over beliefs: a ceiling, not ranked (Ross et al. 2011)",
+        cls="usbench.agents.taught.distilled:Distilled",
+        policy="MlpPolicy",
+        policy_kwargs={
+            "features_extractor_class": "usbench.agents.value_based.grid_trunk:GridTrunk",
+            "net_arch": [],
+        },
+        n_envs=32,
+        taught=True,
+        hyperparameters={
+            "learning_rate": 1e-3,
+            "final_learning_rate": 5e-5,
+            "buffer_size": 100_000,
+            "learning_starts": 1_024,
+            "batch_size": 128,
+            "temperature": 0.1,
+            "train_freq": 32,
+            "gradient_steps": 4,
+            # An average of about the last two hundred updates.
+            "target_update_interval": 32,
+            "tau": 0.02,
+            # The share of the teacher's steps.
+            "exploration_fraction": 0.1,
+            "exploration_initial_eps": 1.0,
+            "exploration_final_eps": 0.0,
             "max_grad_norm": 10.0,
             "max_shift_px": 0,
         },

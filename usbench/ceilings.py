@@ -11,6 +11,8 @@ TABLE = "ceilings.csv"
 # Tasks with the poses, starts and phantoms for which the table was made, and what each tells by default.
 TASKS: dict[str, tuple[str, ...]] = {"pp-random": (), "pp-tracked": ("position", "heading")}
 ACTIONS = "actions"
+# Algorithms that a teacher shows what to do: what they reach is a ceiling too, and is not ranked.
+TAUGHT = ("distilled",)
 
 
 def ceiling(task: str, senses: Iterable[str] | None = None) -> float | None:

@@ -23,7 +23,9 @@ from usbench.checks import probability, unknown, whole_number
 from usbench.envs import oracle
 from usbench.envs.anatomy import Anatomy
 from usbench.envs.bmode import Imaging
+from usbench.envs.ceilings.teacher import Teacher, teacher
 from usbench.envs.frames import frame_store
+from usbench.envs.observation.senses import ACTIONS
 from usbench.envs.observation.symmetries import Symmetries, symmetries
 from usbench.envs.observation.wrappers import ImageStack, NormalizeImage
 from usbench.envs.pose import Pose
@@ -247,6 +249,24 @@ class Setting:
     def symmetries(self) -> Symmetries:
         """Return what an observation and an action of the task become by its exact symmetries."""
         return symmetries(self.plain_env().senses)
+
+    def teacher(self) -> Teacher:
+        """Return who knows the costs of actions by what an agent with these senses can know at best.
+
+        Raises:
+            ConfigurationError: If the task draws no phantoms, or its beliefs cannot be listed.
+        """
+        if not self.row.phantoms:
+            drawing = ", ".join(repr(name) for name, row in suite.TASKS.items() if row.phantoms)
+            raise ConfigurationError(
+                f"a teacher is for tasks that draw phantoms ({drawing}), not for {self.task!r}."
+            )
+        try:
+            plain = self.plain_env()
+            told = tuple(name for name in plain.senses.names if name != ACTIONS)
+            return teacher(plain.task, plain.distribution, told, self.noise)
+        except ValueError as error:
+            raise ConfigurationError(str(error)) from error
 
     def plan(self, target: Pose) -> oracle.Policy:
         """Return the best policy that knows the pose of the probe and the pose that shows the object best."""

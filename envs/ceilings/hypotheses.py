@@ -18,7 +18,7 @@ from usbench.envs import oracle
 from usbench.envs.bmode import DEFAULT_IMAGING, Imaging
 from usbench.envs.observation import senses as sensing
 from usbench.envs.phantom import ObjectOfInterest
-from usbench.envs.pose import Pose, cos_deg, sin_deg
+from usbench.envs.pose import Move, Pose, cos_deg, sin_deg
 from usbench.envs.probe import DEFAULT_ARRAY, LinearArray
 from usbench.envs.task import Task
 from usbench.envs.tasks.random_phantoms import PhantomDistribution
@@ -58,22 +58,36 @@ class Hypotheses:
     @cached_property
     def following(self) -> Ints:
         """The hypothesis after every action, (n_hypotheses, n_actions), without noise."""
-        states = self.task.states
-        after = np.array(
-            [
-                [self.task.indices[p.moved(one.move, self.task.limits)] for one in self.task.actions]
-                for p in states
-            ]
-        )
-        n = len(self.targets)
-        every = after[:, np.newaxis, :] * n + np.arange(n)[np.newaxis, :, np.newaxis]
-        return np.asarray(every.reshape(-1, len(self.task.actions)), dtype=np.int64)
+        return self._moved([action.move for action in self.task.actions])
+
+    @cached_property
+    def displaced(self) -> Ints:
+        """The hypothesis after each of the task's displacements, (n_hypotheses, n_displacements)."""
+        return self._moved([*self.task.displacements])
 
     @cached_property
     def starts(self) -> Ints:
         """The hypotheses with which an episode may begin, each as likely as the others."""
         places = np.array([self.task.indices[pose] for pose in self.task.starts])
         return np.asarray((places[:, np.newaxis] * len(self.targets) + np.arange(len(self.targets))).ravel())
+
+    def _moved(self, moves: Sequence[Move]) -> Ints:
+        """Return the hypothesis after each of the moves, (n_hypotheses, n_moves)."""
+        task, n = self.task, len(self.targets)
+        after = np.array(
+            [[task.indices[pose.moved(move, task.limits)] for move in moves] for pose in task.states]
+        )
+        every = after[:, np.newaxis, :] * n + np.arange(n)[np.newaxis, :, np.newaxis]
+        return np.asarray(every.reshape(-1, len(moves)), dtype=np.int64)
+
+    @cached_property
+    def shows(self) -> npt.NDArray[np.bool_]:
+        """Whether anything of the object is seen, (n_states, n_targets)."""
+        looks: dict[int, bool] = {}
+        for (i, j), number in np.ndenumerate(self.seen):
+            if number not in looks:
+                looks[number] = bool(thickness_mm(self.targets[j], self.task.states[i]).any())
+        return np.vectorize(looks.get, otypes=[np.bool_])(self.seen)
 
     def told(self, senses: Sequence[str]) -> Ints:
         """Return what the senses of the pose tell: a number for every hypothesis, (n_hypotheses,)."""
@@ -114,7 +128,7 @@ def of_distribution(task: Task, phantoms: PhantomDistribution, missed_px: int = 
     Raises:
         ValueError: If the task moves the focus, which ideal eyes do not see.
     """
-    if task.moves_focus:
+    if len({pose.focal_depth_mm for pose in task.states}) > 1:
         raise ValueError(f"the task {task.name!r} moves the focus, which ideal eyes do not see.")
     depth = task.states[0].focal_depth_mm
     angles = sorted({angle % 180 for angle in phantoms.angle_deg})

@@ -40,6 +40,8 @@ def make_agent(setting: Setting, algo: str, env: Any, seed: int, hyperparameters
         kwargs["policy"] = setting.planner()
     if getattr(model_class, "takes_symmetries", False):
         kwargs["symmetries"] = setting.symmetries()
+    if getattr(model_class, "takes_teacher", False):
+        kwargs["teacher"] = setting.teacher()
     return zoo.make(algo, env, seed, hyperparameters, **kwargs)
 
 

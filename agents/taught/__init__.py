@@ -1,0 +1,1 @@
+"""Agents that a teacher shows what to do while they learn, and who act alone afterwards."""

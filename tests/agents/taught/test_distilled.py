@@ -1,0 +1,171 @@
+"""The distilled student: it learns what its teacher says, of the observations that it was said of."""
+
+import numpy as np
+import pytest
+import torch
+import trials
+from signs import Signs
+from stable_baselines3.common.vec_env import DummyVecEnv
+from trials import Killed, Until
+
+from usbench import ceilings
+from usbench.agents import model_state, zoo
+from usbench.agents.vec_env import SB3VecEnv
+from usbench.records import ConfigurationError
+from usbench.setting import Setting
+from usbench.trials import runner
+from usbench.trials.configuration import resolve
+
+SMALL = {"learning_starts": 16, "train_freq": 4, "batch_size": 16, "buffer_size": 1000}
+TRACKED = {"task": "pp-tracked", "n_frames": 2, "senses": ("position", "heading", "actions")}
+
+
+class Telling(Signs):
+    """Says in its info which action is right."""
+
+    def reset(self, *, seed=None, options=None):
+        image, _ = super().reset(seed=seed)
+        return image, {"right": self.right}
+
+    def step(self, action):
+        *found, _ = super().step(action)
+        return *found, {"right": self.right}
+
+
+class Knowing:
+    """A teacher of these signs: the belief is the right action, and the other costs 2."""
+
+    def first(self, infos):
+        return np.array([one["right"] for one in infos])
+
+    def following(self, beliefs, actions, infos):
+        return self.first(infos)
+
+    def costs(self, beliefs):
+        return (2.0 * (1 - np.eye(2)[beliefs])).astype(np.float32)
+
+
+def model(n_envs=4, **settings):
+    env = DummyVecEnv([Telling] * n_envs)
+    chosen = zoo.hyperparameters("distilled", "pp-tracked", SMALL | settings)
+    return zoo.make("distilled", env, 3, chosen, device="cpu", teacher=Knowing())
+
+
+def right(observations):
+    """Which half of each image is bright."""
+    values = np.asarray(observations).mean(axis=(2, 3))
+    return (values[:, 4:].mean(axis=1) > values[:, :4].mean(axis=1)).astype(int)
+
+
+def test_student_learns_what_the_teacher_says_and_acts_alone_then():
+    agent = model(learning_rate=1e-2).learn(512)
+    assert agent.exploration_rate == 0
+    envs = DummyVecEnv([Telling] * 50)
+    envs.seed(7)
+    seen = envs.reset()
+    actions, _ = agent.predict(seen, deterministic=True)
+    assert (actions == right(seen)).mean() > 0.95
+
+
+def test_advice_is_that_of_the_observation_beside_which_it_is_remembered():
+    agent = model().learn(200)
+    observations, costs = agent.replay_buffer.advice(300)
+    assert set(costs.unique().tolist()) == {0.0, 2.0}
+    assert costs.argmin(1).tolist() == right(observations).tolist()
+
+
+def test_teacher_acts_at_first_and_never_at_the_end():
+    agent = model(learning_starts=64, exploration_fraction=0.5, learning_rate=1e-9)
+    taken = []
+    step = agent.env.step
+    agent.env.step = lambda actions: taken.append((actions == right(agent._last_obs)).mean()) or step(actions)
+    agent.learn(640)
+    assert np.mean(taken[:16]) == 1
+    # Who has learnt nothing is right in half of the cases.
+    assert 0.3 < np.mean(taken[-80:]) < 0.7
+
+
+def test_what_an_update_makes_smaller_is_the_divergence_from_the_softmax_of_the_costs(monkeypatch):
+    """Rusu et al. (2016), Eq. 3."""
+    agent = model(temperature=0.5)
+    seen = torch.randn(2, *agent.observation_space.shape)
+    costs = torch.tensor([[0.0, 1.0], [0.3, 0.0]])
+    with torch.no_grad():
+        shares = torch.softmax(agent.q_net(seen).double(), 1)
+    advised = torch.tensor([[0.0, -2.0], [-0.6, 0.0]]).double().exp()
+    advised /= advised.sum(1, keepdim=True)
+    expected = (advised * (advised / shares).log()).sum(1).mean()
+    monkeypatch.setattr(agent.replay_buffer, "advice", lambda n: (seen, costs))
+    assert agent._update(2) == pytest.approx(expected.item(), rel=1e-4)
+    assert agent._update(2) < expected
+
+
+def test_learns_nothing_without_a_teacher():
+    env = DummyVecEnv([Telling])
+    agent = zoo.make("distilled", env, 0, zoo.hyperparameters("distilled", "pp-tracked", SMALL), device="cpu")
+    with pytest.raises(ValueError, match="a distilled agent learns from a teacher"):
+        agent.learn(8)
+
+
+@pytest.fixture(scope="module")
+def tracked():
+    """A student on the task that it is for, where nobody looks at frames, after a few updates."""
+    setting = Setting(**TRACKED)
+    env = SB3VecEnv(setting.make_vec_env(4, autoreset_mode="SameStep"))
+    for one in env.env.unwrapped.envs:
+        one.is_watched = False
+    chosen = zoo.hyperparameters("distilled", setting.task, SMALL)
+    made = {"device": "cpu", "symmetries": setting.symmetries(), "teacher": setting.teacher()}
+    agent = zoo.make("distilled", env, 0, chosen, **made)
+    return agent.learn(128), lambda: zoo.make("distilled", env, 0, chosen, **made)
+
+
+def test_student_of_a_task_knows_the_teachers_beliefs_after_its_own_steps(tracked):
+    agent, _ = tracked
+    infos = [one._info({}) for one in agent.env.unwrapped.env.unwrapped.envs]
+    teacher = agent.teacher
+    seen = teacher._graph.seen[agent._beliefs // teacher._depths.n_columns]
+    assert seen.tolist() == teacher._observed[teacher._hypotheses(infos)].tolist()
+    assert (agent.replay_buffer.costs[:32] >= 0).all() and agent.replay_buffer.costs.max() > 0.2
+
+
+def test_state_has_beliefs_and_costs(tracked):
+    agent, anew = tracked
+    state = model_state.state_of(agent)
+    other = anew()
+    model_state.put_back(other, state)
+    assert other._beliefs.tolist() == agent._beliefs.tolist()
+    np.testing.assert_array_equal(other.replay_buffer.costs, agent.replay_buffer.costs)
+    assert "teacher" not in state["attributes"]
+
+
+def test_trial_that_was_killed_goes_on_with_the_same_bits(often, tmp_path):
+    small = {**SMALL, "learning_starts": 32}
+    config = resolve("distilled", seed=0, steps=192, n_envs=4, overrides=small, **TRACKED)
+    whole = runner.run_trial(config, tmp_path / "whole").folder
+    with pytest.raises(Killed):
+        runner.run_trial(config, tmp_path / "killed", progress=Until(128))
+    ended = runner.run_trial(config, tmp_path / "killed").folder
+    assert trials.bits(ended) == trials.bits(whole)
+
+
+@pytest.mark.parametrize(
+    ("task", "setting", "words"),
+    [
+        ("pp", {}, "a teacher is for tasks that draw phantoms .*, not for 'pp'"),
+        ("exam-random", {}, "with a focus that moves, .* needs the senses 'position', 'focus', 'heading'"),
+        ("pp-random", {"noise": 0.5}, "with noise, .* needs the senses 'position', 'heading', not none"),
+    ],
+)
+def test_refuses_tasks_without_a_teacher(task, setting, words):
+    with pytest.raises(ConfigurationError, match=words):
+        resolve("distilled", task, **setting)
+
+
+def test_temperature_is_checked():
+    with pytest.raises(ConfigurationError, match="temperature must be"):
+        resolve("distilled", overrides={"temperature": 0}, **TRACKED)
+
+
+def test_rows_with_a_teacher_are_those_that_results_do_not_rank():
+    assert {name for name, row in zoo.ZOO.items() if row.taught} == set(ceilings.TAUGHT)
