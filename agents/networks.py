@@ -9,7 +9,8 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 from torch.nn import functional
 
-from usbench.agents.norm_relu_pool import norm_relu_pool
+from usbench.agents.layers.norm_relu_pool import norm_relu_pool
+from usbench.agents.layers.pooling import relu_pool
 
 CHANNELS = (16, 32)
 PROJECTED = 64
@@ -117,20 +118,14 @@ class Block(nn.Sequential):
                 with torch.no_grad():
                     _move_statistics(norm, convolution(images))
             return self._folded(images, self._weights())
-        if bool((norm.weight > 0).all()):
+        if images.device.type == "cpu" and bool((norm.weight > 0).all()):
             return norm_relu_pool(convolution(images), norm)
         result = pool(relu(norm(convolution(images))))
         return result
 
     def _folded(self, images: torch.Tensor, weights: tuple[torch.Tensor, torch.Tensor]) -> torch.Tensor:
         """The pooled maps, where batch norm is part of the convolution's `weights`."""
-        relu, pool = self[2], self[3]
-        maps = functional.conv2d(images, *weights, padding=1)
-        # Pooling first: the same result, with a quarter of the pixels left for ReLU.
-        result: torch.Tensor = relu(pool(maps))
-        if result.requires_grad:
-            result.register_hook(_channels_last)  # type: ignore[no-untyped-call]
-        return result
+        return relu_pool(functional.conv2d(images, *weights, padding=1))
 
     def _weights(self) -> tuple[torch.Tensor, torch.Tensor]:
         """Weight and bias of the convolution that includes batch norm, by held or else running statistics."""
@@ -156,11 +151,6 @@ class Block(nn.Sequential):
         if self._kept is None or self._kept[0] != state:
             self._kept = state, self._weights()
         return self._kept[1]
-
-
-def _channels_last(gradient: torch.Tensor | None) -> torch.Tensor | None:
-    """The gradient in the layout of the maps: in another layout, max-pooling would copy it there and back."""
-    return None if gradient is None else gradient.contiguous(memory_format=torch.channels_last)
 
 
 def _copy(norm: nn.BatchNorm2d) -> tuple[torch.Tensor, torch.Tensor]:

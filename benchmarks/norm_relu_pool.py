@@ -1,4 +1,4 @@
-"""What agents/norm_relu_pool.py gains: a gradient step of the trunk with it, and with PyTorch's layers.
+"""What norm_relu_pool gains: a gradient step of the paper's trunk with it, and with PyTorch's layers.
 
 Both take turns in one thread, on the same images. CPU time is measured, since others may use the machine.
 """
