@@ -1,13 +1,14 @@
 """What helps on phantoms never seen, and how many training phantoms it takes: `make unseen`.
 
 Trains `double_dqn` on `pp-tracked` with one thing changed at a time (ablations), or on fixed sets of
-phantoms (the gap between known and unseen ones). Trials go into a folder; what is finished there is not run
-again. Seeds are those for development: no leaderboard takes these trials.
+phantoms, `distilled` beside it (the gap between known and unseen ones). Trials go into a folder; what is
+finished there is not run again. Seeds are those for development: no leaderboard takes these trials.
 """
 
 import argparse
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ from usbench.trials.model_loading import load_agent
 
 ALGO, TASK = "double_dqn", "pp-tracked"
 SETTING = {"n_frames": 2, "senses": ("position", "heading", "actions")}
+LEARNERS = (ALGO, "distilled")
 COUNTS = (1, 20, 200, 2000, None)
 
 
@@ -119,17 +121,17 @@ def ablations(steps: int, seeds: list[int], out: Path) -> Table:
 
 
 def gap(steps: int, seeds: list[int], out: Path) -> Table:
-    """Return the scores on known and on unseen phantoms, by the fixed set of training phantoms."""
-    head = ("training phantoms", "set (digest)", "known", "unseen")
-    table = Table(*head, title=f"{ALGO} on {TASK}, {steps} steps")
-    for count in COUNTS:
+    """Return the scores on known and on unseen phantoms, by agent and fixed set of training phantoms."""
+    head = ("agent", "training phantoms", "set (digest)", "known", "unseen")
+    table = Table(*head, title=f"{TASK}, {steps} steps")
+    for algo, count in product(LEARNERS, COUNTS):
         found = trained(
-            [resolve(ALGO, TASK, seed=seed, steps=steps, n_phantoms=count, **SETTING) for seed in seeds], out
+            [resolve(algo, TASK, seed=seed, steps=steps, n_phantoms=count, **SETTING) for seed in seeds], out
         )
         known = [known_score(trial, count) for trial in found]
         digest = found[0].config.environment["phantoms"].get("digest", "")
         unseen = shown([score(trial) for trial in found])
-        table.add_row(str(count or "no limit"), digest, shown(known), unseen)
+        table.add_row(algo, str(count or "no limit"), digest, shown(known), unseen)
     return table
 
 

@@ -29,6 +29,11 @@ def ceiling(task: str, senses: Iterable[str] | None = None) -> float | None:
     return _table().get(frozenset(told) - {ACTIONS})
 
 
+def is_taught(algo: str) -> bool:
+    """Return whether an algorithm, with the paper's network or another ("name+network"), has a teacher."""
+    return algo.partition("+")[0] in TAUGHT
+
+
 @cache
 def _table() -> dict[frozenset[str], float]:
     """Return the scores of policies that remember all, by what they are told."""

@@ -45,6 +45,21 @@ def test_rows_are_ranked_with_reference_policies_last():
     assert agents == ["`ppo`", "`vpg`", "`oracle` (not learned)", "`random` (not learned)"]
 
 
+def test_who_has_a_teacher_is_shown_as_a_ceiling_and_ranked_nowhere():
+    taught = [*seeds("distilled", [0.97] * 5), *seeds("distilled", [0.9] * 5, noise=0.25)]
+    own = [row for algo, score in (("vpg", 0.5), ("ppo", 0.9)) for row in seeds(algo, [score] * 5)]
+    plain, with_teacher = leaderboard.markdown(made(*own)), leaderboard.markdown(made(*own, *taught))
+    cell = with_teacher.split("## fp, noise 0")[1].split("## ")[0]
+    agents = [line.split(" | ")[0].strip("| ") for line in lines(cell, "| `")]
+    assert agents == ["`ppo`", "`vpg`", "`distilled` (ceiling, not ranked)"]
+    # Neither the verdict nor anything that compares agents knows of it.
+    answer, compared = (
+        [text.split("\n\n")[1], text.split("## Probability of improvement")[1].split("## fp")[0]]
+        for text in (plain, with_teacher)
+    )
+    assert answer == compared and "`ppo` has the highest score" in answer[0]
+
+
 def test_numbers_of_a_row():
     text = leaderboard.markdown(made(*seeds("vpg", [0.5, 0.5])))
     row = lines(text.split("## fp, noise 0")[1], "| `vpg`")[0]

@@ -188,17 +188,18 @@ def _anchors(trials: pd.DataFrame) -> str:
 
 
 def _cell(rows: pd.DataFrame) -> str:
-    """Return the table of one task and noise: those that learn first, then reference policies, best first."""
+    """Return the table of one task and noise: those that are ranked first, then the others, best first."""
     sampled = rows[rows["actions"] == SAMPLED].set_index(ROW)
     table = rows[rows["actions"] == SCORED]
-    table = table.assign(fixed=table["steps"] == 0)
-    table = table.sort_values(["fixed", "score", "agent"], ascending=[True, False, True], kind="stable")
+    notes = [scores.note(*one) for one in zip(table["algo"], table["steps"], strict=True)]
+    table = table.assign(note=notes, beside=[note != "" for note in notes])
+    table = table.sort_values(["beside", "score", "agent"], ascending=[True, False, True], kind="stable")
     lines = []
     for row in table.to_dict("records"):
         other = sampled.loc[tuple(row[name] for name in ROW)]
         lines.append(
             [
-                text.agent(row["agent"], not row["fixed"]),
+                text.agent(row["agent"], row["note"]),
                 f"{row['seeds']}/{row['seeds_asked']}",
                 text.interval(row["score"], row["score_low"], row["score_high"]),
                 text.interval(other["score"], other["score_low"], other["score_high"]),
@@ -217,7 +218,7 @@ def _unseen(table: pd.DataFrame) -> str:
     """Return the table of agents trained on one phantom and on many, tested on unseen phantoms."""
     rows = [
         [
-            text.agent(row["agent"], learns=True),
+            text.agent(row["agent"]),
             Cell(row["task"], row["noise"]).name,
             *(
                 text.interval(row[part], row[f"{part}_low"], row[f"{part}_high"])

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
+from usbench.ceilings import is_taught
 from usbench.results import stats
 from usbench.results.agents import named
 from usbench.results.protocol import further
@@ -69,6 +70,16 @@ def environments(trials: pd.DataFrame) -> pd.Series:
     return trials["settings"].map(lambda text: json.loads(text).get("environment", ""))
 
 
+def ranked(trials: pd.DataFrame) -> pd.Series:
+    """Return which trials are of agents that are ranked: those that learn, and have no teacher."""
+    return (trials["steps"] > 0) & ~trials["algo"].map(is_taught).astype(bool)
+
+
+def note(algo: str, steps: int) -> str:
+    """Return what is said of an agent that is not ranked; nothing of one that is."""
+    return "not learned" if steps == 0 else "ceiling, not ranked" if is_taught(algo) else ""
+
+
 def value_based(trials: pd.DataFrame) -> pd.Series:
     """Return which trials are of agents whose sampled actions are exploration."""
     settings = trials["settings"].map(json.loads)
@@ -109,7 +120,8 @@ def _cells(results: Results) -> pd.DataFrame:
             last = own.groupby("trial").tail(1)
             steps = int(trials["steps"].iloc[0])
             names = dict(zip(ROW, row, strict=True)) | {"actions": kind, "steps": steps}
-            seeds = {"seeds": len(last), "seeds_asked": max(len(trials), asked[row[0]] if steps else 0)}
+            wanted = asked[row[0]] if ranked(trials).any() else 0
+            seeds = {"seeds": len(last), "seeds_asked": max(len(trials), wanted)}
             rows.append(names | seeds | _numbers(own, last))
     columns = [*ROW, "actions", "steps", "seeds", "seeds_asked", *_numbers(curves[:0], curves[:0])]
     return pd.DataFrame(rows, columns=columns)
@@ -124,8 +136,8 @@ def matrices(results: Results, kind: str = SCORED) -> tuple[dict[str, stats.Arra
 def finals(results: Results, kind: str = SCORED) -> tuple[dict[str, pd.DataFrame], dict[str, str]]:
     """Return the final scores of the agents, a row per seed and a column per cell, and why others have none.
 
-    Cells are those of agents that learn, in order. The seeds of an agent are those that are finished in all
-    of them. There are none where the trials of a cell are from different environments.
+    Cells are those of agents that are ranked, in order. The seeds of an agent are those that are finished in
+    all of them. There are none where the trials of a cell are from different environments.
     """
     trials = named(results.trials)
     several = environments(trials).groupby([trials[name] for name in CELL]).nunique()
@@ -134,8 +146,8 @@ def finals(results: Results, kind: str = SCORED) -> tuple[dict[str, pd.DataFrame
         return {}, {
             agent: f"trials of {where.name} are from different environments" for agent in set(trials["agent"])
         }
-    learning = trials[trials["steps"] > 0]
-    wanted = cells_of(learning if len(learning) else trials)
+    own = trials[ranked(trials)]
+    wanted = cells_of(own if len(own) else trials)
     final = results.curves[results.curves["kind"] == kind].groupby("trial").tail(1)
     final = trials.merge(final[["trial", "normalized_score"]], on="trial")
     found: dict[str, pd.DataFrame] = {}
@@ -155,15 +167,15 @@ def finals(results: Results, kind: str = SCORED) -> tuple[dict[str, pd.DataFrame
 
 
 def learners(results: Results) -> dict[str, stats.Array]:
-    """Return the matrices of the agents that learn."""
+    """Return the matrices of the agents that are ranked."""
     return {agent: table.to_numpy(np.float64) for agent, table in finals_of_learners(results).items()}
 
 
 def finals_of_learners(results: Results) -> dict[str, pd.DataFrame]:
-    """Return the final scores of the agents that learn, as `finals` does."""
+    """Return the final scores of the agents that are ranked, as `finals` does."""
     trials = named(results.trials)
-    learning = set(trials.loc[trials["steps"] > 0, "agent"])
-    return {agent: table for agent, table in finals(results)[0].items() if agent in learning}
+    own = set(trials.loc[ranked(trials), "agent"])
+    return {agent: table for agent, table in finals(results)[0].items() if agent in own}
 
 
 def learning_curves(results: Results, kind: str = SCORED) -> pd.DataFrame:
@@ -183,9 +195,9 @@ def learning_curves(results: Results, kind: str = SCORED) -> pd.DataFrame:
 
 
 def seeds_asked(trials: pd.DataFrame) -> int:
-    """Return how many seeds the learning algorithms were to have, from all trials of their own rows."""
+    """Return how many seeds the ranked algorithms were to have, from all trials of their own rows."""
     own = named(trials)
-    return int(own.loc[(own["steps"] > 0) & (own["agent"] == own["algo"]), "seed"].nunique())
+    return int(own.loc[ranked(own) & (own["agent"] == own["algo"]), "seed"].nunique())
 
 
 def _numbers(curves: pd.DataFrame, last: pd.DataFrame) -> dict[str, float]:

@@ -34,9 +34,9 @@ def code(name: str) -> str:
     return f"<code>{''.join(c if c.isalnum() or c in PLAIN else f'&#{ord(c)};' for c in name)}</code>"
 
 
-def agent(name: str, learns: bool) -> str:
-    """Return the name of an agent in a table."""
-    return code(name) if learns else f"{code(name)} (not learned)"
+def agent(name: str, note: str = "") -> str:
+    """Return the name of an agent in a table, with what is said of it."""
+    return f"{code(name)} ({note})" if note else code(name)
 
 
 def names(agents: Sequence[str]) -> str:

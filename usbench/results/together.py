@@ -42,15 +42,20 @@ def sections(own: Results, name: str, pairs: pd.DataFrame) -> list[str]:
 
 
 def overall(trials: pd.DataFrame, matrices: Mapping[str, stats.Array]) -> str:
-    """Return the table of all cells together: those that learn first, then reference policies, best first."""
+    """Return the table of all cells together: those that are ranked first, then the others, best first."""
     common = ranking.common_to_seeds(matrices)
     known = ranking.overall(matrices)
-    fixed = known["agent"].map(named(trials).groupby("agent")["steps"].max()) == 0
-    asked = np.where(fixed, known["seeds"], scores.seeds_asked(trials))
-    known = known.assign(fixed=fixed, asked=asked).sort_values("fixed", kind="stable")
+    notes = {
+        agent: scores.note(own["algo"].iloc[0], own["steps"].max())
+        for agent, own in named(trials).groupby("agent")
+    }
+    known = known.assign(note=known["agent"].map(notes))
+    known["beside"] = known["note"] != ""
+    known["asked"] = np.where(known["beside"], known["seeds"], scores.seeds_asked(trials))
+    known = known.sort_values("beside", kind="stable")
     rows = [
         [
-            agent(row.agent, not row.fixed),
+            agent(row.agent, row.note),
             f"{row.seeds}/{row.asked}",
             interval(row.score, row.score_low, row.score_high),
             bounds(row.whole_low, row.whole_high),

@@ -65,7 +65,7 @@ def text(known: Results, tested: pd.DataFrame | None = None) -> str:
         tested: The tests on phantoms never seen that `held_out.read` gives, if there are any.
     """
     own = next(iter(scores.parts(known).values()))
-    learning = own.trials[own.trials["steps"] > 0]
+    learning = own.trials[scores.ranked(own.trials)]
     finished = int((learning["status"] == "finished").sum())
     matrices = scores.learners(own)
     if not matrices:
