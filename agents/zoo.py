@@ -36,6 +36,8 @@ class Entry:
     taught: bool = False
     # Whether the agent looks at frames; for an agent that does not look, no frames are simulated.
     looks: bool = True
+    # Whether it is a row of the paper's grid and of the search; others are made for unseen phantoms.
+    compared: bool = True
     # What it is, in a line.
     title: str = ""
 
@@ -228,6 +230,7 @@ UNSEARCHED: dict[str, Entry] = {
             "net_arch": [],
         },
         n_envs=32,
+        compared=False,
         hyperparameters={
             "learning_rate": 1e-3,
             "final_learning_rate": 5e-5,
@@ -257,6 +260,7 @@ UNSEARCHED: dict[str, Entry] = {
             "net_arch": [],
         },
         n_envs=32,
+        compared=False,
         taught=True,
         hyperparameters={
             "learning_rate": 1e-3,
@@ -276,6 +280,31 @@ UNSEARCHED: dict[str, Entry] = {
             "exploration_final_eps": 0.0,
             "max_grad_norm": 10.0,
             "max_shift_px": 0,
+        },
+    ),
+    "ppo_asymmetric": Entry(
+        title="PPO whose critic is told the state while it learns (Pinto et al. 2017)",
+        cls="usbench.agents.asymmetric.ppo:AsymmetricPPO",
+        policy="MlpPolicy",
+        policy_kwargs={
+            "features_extractor_class": "usbench.agents.value_based.grid_trunk:GridTrunk",
+            "net_arch": [],
+            "share_features_extractor": False,
+        },
+        n_envs=16,
+        compared=False,
+        hyperparameters={
+            "learning_rate": 6e-4,
+            "n_steps": 1_024,
+            "batch_size": 256,
+            "n_epochs": 6,
+            "gamma": 0.9,
+            "gae_lambda": 0.95,
+            "clip_range": 0.2,
+            "ent_coef": 0.01,
+            "vf_coef": 0.5,
+            "max_grad_norm": 0.5,
+            "normalize_advantage": True,
         },
     ),
     "random": Entry(

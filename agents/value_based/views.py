@@ -21,30 +21,62 @@ class Views(nn.Module):
     signs: torch.Tensor
     actions: torch.Tensor
     coordinates: torch.Tensor
+    firsts: torch.Tensor
 
     def __init__(self, symmetries: Any) -> None:
         """Holds the arrays beside the weights; they are no part of a saved model."""
         super().__init__()
         for name in ("mirrored", "sources", "signs", "actions", "coordinates"):
             self.register_buffer(name, torch.as_tensor(getattr(symmetries, name)), persistent=False)
+        self.register_buffer("firsts", self._firsts(), persistent=False)
 
     def drawn(self, n: int) -> torch.Tensor:
         """The numbers of `n` views (n,), each as probable, drawn from PyTorch's seeded generator."""
         return torch.randint(len(self.mirrored), (n,), device=self.mirrored.device)
 
     def canonical(self, observations: Any) -> torch.Tensor:
-        """The numbers (n,) of the views in which x, sine and cosine of the probe's angle are not negative.
+        """The numbers (n,) of the views that stand for all views of the observations.
 
-        They are those of the last frame. Without senses, or where nothing tells two views apart, it is the
-        first of them.
+        They are those in which x, sine and cosine of the probe's angle, at the last frame, are not negative.
+        An agent that is told none of them knows a scene by what it did and by its picture: the last move of
+        each kind is then the first of its two actions, and the left half of the last frame is the brighter
+        one. Where nothing tells two views apart, it is the first of them.
         """
-        if not isinstance(observations, dict):
-            return torch.zeros(len(observations), dtype=torch.long, device=observations.device)
-        last = observations[SENSES][:, -self.sources.shape[1] :]
-        # Views differ in the signs of coordinates: where all are positive, their sum is largest.
-        seen = last[:, self.sources] * self.signs * self.coordinates
-        numbers: torch.Tensor = seen.sum(-1).argmax(1)
+        if self.coordinates.any():
+            last = observations[SENSES][:, -self.sources.shape[1] :]
+            # Views differ in the signs of coordinates: where all are positive, their sum is largest.
+            score = (last[:, self.sources] * self.signs * self.coordinates).sum(-1)
+        else:
+            score = self._told_by_picture(observations) + self._told_by_actions(observations)
+        numbers: torch.Tensor = score.argmax(1)
         return numbers
+
+    def _told_by_actions(self, observations: Any) -> torch.Tensor:
+        """How far the last moves are the first of two in each view (n, n_views); later ones count more."""
+        if not isinstance(observations, dict):
+            return torch.zeros(len(observations), 1, device=observations.device)
+        senses = observations[SENSES]
+        each = senses.view(len(senses), -1, self.sources.shape[1])
+        later = 2.0 ** torch.arange(each.shape[1], device=senses.device)
+        return ((each[:, :, self.sources] * self.firsts).sum(-1) * later[:, None]).sum(1)
+
+    def _told_by_picture(self, observations: Any) -> torch.Tensor:
+        """Half a point where the left half of the last frame is the brighter in a view (n, n_views)."""
+        images = observations[IMAGE] if isinstance(observations, dict) else observations
+        last = images[..., -1]
+        brighter = torch.sign((last - last.flip(2))[:, :, : last.shape[2] // 2].sum((1, 2)))
+        return torch.where(self.mirrored, -0.5, 0.5) * brighter[:, None]
+
+    def _firsts(self) -> torch.Tensor:
+        """1 where a sense says that the last action was the first of two that views swap, -1 the second."""
+        first, last = self.actions.min(0).values, self.actions.max(0).values
+        number = torch.arange(len(first), device=first.device)
+        says = (number < last).float() - (number > first).float()
+        told = ~self.coordinates
+        firsts = torch.zeros(len(told), device=first.device)
+        if told.any():
+            firsts[told] = says
+        return firsts
 
     def observations(self, observations: Any, numbers: torch.Tensor) -> Any:
         """Observations with image stacks `(n, height, width, channels)`, as they are in those views."""

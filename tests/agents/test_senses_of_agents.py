@@ -24,6 +24,7 @@ SMALL = {
     "ppo": {"n_steps": 32, "batch_size": 16, "n_epochs": 2},
     "dqn": {"learning_starts": 16, "target_update_interval": 16, "train_freq": 4},
     "double_dqn": {"learning_starts": 16, "train_freq": 4, "batch_size": 16},
+    "ppo_asymmetric": {"n_steps": 32, "batch_size": 16, "n_epochs": 2},
     "qrdqn": {"learning_starts": 16, "target_update_interval": 16},
     "trpo": {"n_steps": 32, "batch_size": 16, "sub_sampling_factor": 2},
     "recurrent_ppo": {"n_steps": 32, "batch_size": 16, "n_epochs": 2},

@@ -35,12 +35,15 @@ class Signs(gym.Env[np.ndarray, int]):
     ) -> tuple[np.ndarray, dict]:
         super().reset(seed=seed)
         self.step_number = 0
-        return self._image(), {}
+        return self._image(), self._truth()
 
     def step(self, action: int) -> tuple[np.ndarray, float, bool, bool, dict]:
         reward = float(int(action) == self.right)
         self.step_number += 1
-        return self._image(), reward, False, self.step_number == self.n_steps, {}
+        return self._image(), reward, False, self.step_number == self.n_steps, self._truth()
+
+    def _truth(self) -> dict[str, int]:
+        return {"x_mm": 20 * self.right}
 
 
 def clone(module: nn.Module) -> dict[str, torch.Tensor]:

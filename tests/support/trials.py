@@ -18,6 +18,7 @@ SMALL = {
     "ppo": {"n_steps": 16, "batch_size": 8, "n_epochs": 2},
     "dqn": {"learning_starts": 12, "train_freq": 6, "target_update_interval": 20},
     "double_dqn": {"learning_starts": 12, "train_freq": 4, "batch_size": 16},
+    "ppo_asymmetric": {"n_steps": 16, "batch_size": 8, "n_epochs": 2},
     "qrdqn": {"learning_starts": 12, "train_freq": 6, "target_update_interval": 20},
     "trpo": {"n_steps": 16, "batch_size": 8},
     "recurrent_ppo": {"n_steps": 16, "batch_size": 8, "n_epochs": 2},

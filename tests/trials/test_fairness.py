@@ -21,6 +21,7 @@ SMALL = {
     "ppo": {"n_steps": 32, "batch_size": 32, "n_epochs": 1},
     "dqn": {"learning_starts": 32, "train_freq": 16},
     "double_dqn": {"learning_starts": 32, "train_freq": 16},
+    "ppo_asymmetric": {"n_steps": 32, "batch_size": 32, "n_epochs": 1},
     "qrdqn": {"learning_starts": 32, "train_freq": 16},
     "trpo": {"n_steps": 32, "batch_size": 32},
     "recurrent_ppo": {"n_steps": 32, "batch_size": 32, "n_epochs": 1},

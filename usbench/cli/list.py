@@ -102,6 +102,8 @@ def _algorithm(name: str) -> Table:
     table = _table(entry.title or name, "", "")
     table.add_row("algorithm", name)
     table.add_row("class", entry.cls)
+    if not entry.compared:
+        table.add_row("comparison", "no row of it: made for unseen phantoms")
     if not entry.learns:
         table.add_row("--set", "nothing: it does not learn")
     elif entry.hyperparameters:

@@ -57,6 +57,38 @@ def test_canonical_views_have_no_negative_coordinate():
     assert (viewed["senses"].view(-1, 2, 8)[:, -1, :3] >= 0).all()
 
 
+@pytest.mark.parametrize(
+    ("task", "senses"),
+    [("pp-random", ("actions",)), ("pp-random", ()), ("fp-random", ()), ("exam-random", ("actions",))],
+)
+def test_without_coordinates_all_views_of_an_observation_have_one_canonical_view(task, senses):
+    setting = Setting(task=task, senses=senses, n_frames=4)
+    symmetries, generator = setting.symmetries(), torch.Generator().manual_seed(0)
+    views, n_actions = Views(symmetries), len(setting.guidance.actions)
+    seen = torch.randn(60, 90, 40, 4, generator=generator)
+    if senses:
+        acted = torch.randint(n_actions, (60, 4), generator=generator)
+        told = torch.nn.functional.one_hot(acted, n_actions).float().flatten(1)
+        told[:10, :n_actions] = 0  # before the first action
+        seen = {"image": seen, "senses": told}
+    canonical = views.observations(seen, views.canonical(seen))
+    for number in range(len(symmetries)):
+        viewed = views.observations(seen, torch.full((60,), number))
+        torch.testing.assert_close(
+            views.observations(viewed, views.canonical(viewed)), canonical, rtol=0, atol=0
+        )
+
+
+def test_the_last_move_of_each_kind_is_the_first_of_its_two_actions():
+    views = Views(Setting(task="pp-random", senses=("actions",), n_frames=3).symmetries())
+    # Actions 1 and 2 move left and right, 3 and 4 rotate; 0 stays.
+    acted = torch.tensor([[1, 4, 2], [3, 4, 0], [4, 3, 2], [0, 0, 0]])
+    told = torch.nn.functional.one_hot(acted, 5).float().flatten(1)
+    seen = {"image": torch.zeros(4, 90, 40, 3), "senses": told}
+    found = views.observations(seen, views.canonical(seen))["senses"].view(4, 3, 5).argmax(2)
+    assert found.tolist() == [[2, 3, 1], [4, 3, 0], [4, 3, 1], [0, 0, 0]]
+
+
 @pytest.mark.parametrize("number", range(8))
 def test_symmetric_observations_have_symmetric_values(number):
     env = SimpleNamespace(
