@@ -97,7 +97,7 @@ def test_how_long_it_will_take_stands_before_the_training(quick, tmp_path, capsy
     argv = ["run", "--algo", "dqn", "--task", "pp", "--steps", "160", "--out", str(tmp_path)]
     assert cli.main(argv) == 0
     told = capsys.readouterr().err
-    expected = re.search(r"training and evaluations: about \d+ (s|min), at the rate of a short reh", told)
+    expected = re.search(r"evaluations: about \d+ (s|min) as this .* \(about \d+ s of CPU time\), by", told)
     assert told.index("160 training steps") < expected.start() < told.index("step 0: evaluation return")
 
 

@@ -16,9 +16,10 @@ class Told(callback.Silent):
     def __init__(self):
         self.order, self.seconds = [], None
 
-    def expected(self, seconds):
+    def expected(self, wall_s, cpu_s):
         self.order.append("expected")
-        self.seconds = seconds
+        self.seconds = wall_s
+        assert cpu_s > 0
 
     def evaluated(self, *_):
         self.order.append("evaluated")
@@ -49,7 +50,7 @@ def test_a_trial_that_goes_on_is_not_rehearsed(quick, tmp_path, monkeypatch):
 
 def expected(config):
     setting = Setting.recorded(config)
-    return rehearsal.seconds(config, setting, suite.evaluation_episodes(config.task), 3)
+    return rehearsal.expected(config, setting, suite.evaluation_episodes(config.task), 3)
 
 
 @pytest.mark.parametrize(("algo", "steps"), [("vpg", 64), ("stay", None), ("random", None)])
@@ -60,22 +61,21 @@ def test_short_trials_and_agents_that_learn_nothing_are_not_rehearsed(quick, alg
 def test_what_is_expected_grows_with_the_steps_and_the_evaluations(quick, monkeypatch):
     # A clock that goes on by a second at every look, whatever the machine does.
     clock = iter(range(1_000_000))
-    monkeypatch.setattr(rehearsal.time, "perf_counter", lambda: float(next(clock)))
+    monkeypatch.setattr(rehearsal.Seconds, "now", lambda: rehearsal.Seconds(tick := next(clock), 2 * tick))
     monkeypatch.setattr(rehearsal, "LARGEST_SHARE", 0.0)
     # A look as the rollout before and that after an update begin: 16 steps in a second. Evaluation: a second
     # for 4 episodes, each played 2 times at 3 points.
     n_episodes = len(suite.evaluation_episodes("pp"))
     for steps in (320, 640):
-        assert expected(trials.config("vpg", steps=steps)) == pytest.approx(
-            steps / 16 + 2 * 3 * n_episodes / rehearsal.N_EPISODES
-        )
+        wall_s = steps / 16 + 2 * 3 * n_episodes / rehearsal.N_EPISODES
+        assert expected(trials.config("vpg", steps=steps)) == pytest.approx((wall_s, 2 * wall_s))
 
 
 def test_no_trial_ends_because_its_rehearsal_does(quick, tmp_path, monkeypatch, caplog):
     def broken(*_):
         raise ValueError("no rehearsal\nhere")
 
-    monkeypatch.setattr(rehearsal, "seconds", broken)
+    monkeypatch.setattr(rehearsal, "expected", broken)
     told = Told()
     runner.run_trial(trials.config("vpg"), tmp_path, progress=told, rehearse=True)
     assert "expected" not in told.order and told.order

@@ -22,8 +22,8 @@ class Progress(Protocol):
     def frames(self, done: int, total: int) -> None:
         """`done` of `total` frames are simulated."""
 
-    def expected(self, seconds: float) -> None:
-        """Training and evaluations, which begin now, will take about so long."""
+    def expected(self, wall_s: float, cpu_s: float) -> None:
+        """Training and evaluations, which begin now, will take about so long, and so much of the cores."""
 
     def training(self, step: int, steps: int, mean_return: float, score: float) -> None:
         """Training is at `step` of `steps`; mean return and normalised score of the last episodes."""
@@ -44,7 +44,7 @@ class Silent:
     def frames(self, done: int, total: int) -> None:
         """Say nothing."""
 
-    def expected(self, seconds: float) -> None:
+    def expected(self, wall_s: float, cpu_s: float) -> None:
         """Say nothing."""
 
     def training(self, step: int, steps: int, mean_return: float, score: float) -> None:

@@ -9,7 +9,7 @@ import contextlib
 import gc
 import time
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
@@ -33,13 +33,38 @@ FEWEST_UPDATES = 20
 N_EPISODES = 4
 
 
-def seconds(
+class Seconds(NamedTuple):
+    """How long something takes.
+
+    Attributes:
+        wall: On this machine with all that it does beside.
+        cpu: Of all cores together.
+    """
+
+    wall: float
+    cpu: float
+
+    @classmethod
+    def now(cls) -> "Seconds":
+        """Return what the clocks say."""
+        return cls(time.perf_counter(), time.process_time())
+
+    def since(self, start: "Seconds", n: int) -> "Seconds":
+        """Return the seconds of each of `n` equal parts of what began at `start`."""
+        return Seconds((self.wall - start.wall) / n, (self.cpu - start.cpu) / n)
+
+    def times(self, n: int) -> "Seconds":
+        """Return the seconds of `n` of them."""
+        return Seconds(n * self.wall, n * self.cpu)
+
+
+def expected(
     config: TrialConfig,
     setting: Setting,
     episodes: Sequence[suite.EvaluationEpisode],
     n_evaluations: int,
-) -> float | None:
-    """Return about how long training and evaluations will take, in seconds of wall time.
+) -> Seconds | None:
+    """Return about how long training and evaluations will take.
 
     Args:
         config: Of the trial.
@@ -60,16 +85,20 @@ def seconds(
         if config.steps < FEWEST_UPDATES * rollout_steps(agent):
             return None
         each_step = _of_a_step(agent, config.steps)
-        start = time.perf_counter()
+        start = Seconds.now()
         evaluator.play(agent, checkpoint=0, step=0, deterministic=True)
-        each_episode = (time.perf_counter() - start) / len(evaluator.episodes)
+        each_episode = Seconds.now().since(start, len(evaluator.episodes))
     # Agent and environments hold each other, and what they remember may be large.
     del agent, vec_env
     gc.collect()
-    return config.steps * each_step + 2 * n_evaluations * len(episodes) * each_episode
+    training, evaluation = (
+        each_step.times(config.steps),
+        each_episode.times(2 * n_evaluations * len(episodes)),
+    )
+    return Seconds(training.wall + evaluation.wall, training.cpu + evaluation.cpu)
 
 
-def _of_a_step(agent: Any, steps: int) -> float:
+def _of_a_step(agent: Any, steps: int) -> Seconds:
     """Return the seconds of a step of a training of `steps` steps, updates included."""
     # As for the most part of a training: the agent learns, and explores as little as at the end.
     if hasattr(agent, "learning_starts"):
@@ -88,19 +117,19 @@ class _Pace(BaseCallback):
     def __init__(self, steps: int) -> None:
         super().__init__()
         self._enough_steps = steps * LARGEST_SHARE
-        self._noted: list[tuple[float, int]] = []
+        self._noted: list[tuple[Seconds, int]] = []
 
     @property
-    def seconds_per_step(self) -> float:
+    def seconds_per_step(self) -> Seconds:
         """Of all rollouts and updates but the first, which warms up, unless there is no other."""
         known = self._noted[1:] if len(self._noted) > 2 else self._noted
         (start, first), (end, last) = known[0], known[-1]
-        return (end - start) / (last - first)
+        return end.since(start, last - first)
 
     def _on_rollout_start(self) -> None:
-        self._noted.append((time.perf_counter(), self.num_timesteps))
+        self._noted.append((Seconds.now(), self.num_timesteps))
 
     def _on_step(self) -> bool:
         (start, _), (end, last) = self._noted[0], self._noted[-1]
-        is_enough = end - start >= LONGEST_S or last >= self._enough_steps
+        is_enough = end.wall - start.wall >= LONGEST_S or last >= self._enough_steps
         return not (len(self._noted) > 1 and is_enough)

@@ -183,12 +183,12 @@ class _Run:
         with self.stopwatch.timed("rehearsal_s"):
             try:
                 points = len(self.trial.evaluation_points)
-                expected = rehearsal.seconds(self.config, self.setting, self.episodes, points)
+                expected = rehearsal.expected(self.config, self.setting, self.episodes, points)
             except Exception as error:  # whatever an algorithm of another package does
                 log.warning("how long it will take is not known: %s", " ".join(str(error).split()))
                 return
         if expected is not None:
-            self.progress.expected(expected)
+            self.progress.expected(expected.wall, expected.cpu)
 
     def _train_and_evaluate(self, goes_on: bool) -> None:
         """Train for exactly the budget; every episode and every evaluation is recorded."""

@@ -68,10 +68,12 @@ class Bars:
             self._quarter = 4 * done // total
             print(f"simulating frames: {done} of {total}", file=sys.stderr, flush=True)
 
-    def expected(self, seconds: float) -> None:
-        """Training and evaluations, which begin now, will take about so long."""
-        told = f"training and evaluations: {duration(seconds)}, at the rate of a short rehearsal"
-        print(told, file=sys.stderr, flush=True)
+    def expected(self, wall_s: float, cpu_s: float) -> None:
+        """Training and evaluations, which begin now, will take about so long, and so much of the cores."""
+        told = (
+            f"training and evaluations: {duration(wall_s)} as this machine is now ({duration(cpu_s)} of CPU "
+        )
+        print(f"{told}time), by a short rehearsal", file=sys.stderr, flush=True)
 
     def training(self, step: int, steps: int, mean_return: float, score: float) -> None:
         """Training is at `step` of `steps`; mean return and normalised score of the last episodes."""
