@@ -100,6 +100,16 @@ def test_the_command_of_a_card_makes_the_trial(runs, tmp_path, monkeypatch):
         assert configs.pop().folder_name == records.Trial.read(folder).config.folder_name
 
 
+@pytest.mark.parametrize("senses", [("heading",), ("position", "heading", "actions")])
+def test_the_command_of_a_card_says_what_the_agent_is_told(senses, tmp_path, monkeypatch):
+    config = resolve("double_dqn", "pp-tracked", seed=3, n_frames=2, senses=senses)
+    line = " ".join(model_card.options(config))
+    configs = []
+    monkeypatch.setattr(runner, "run_trial", lambda config, *_, **__: configs.append(config) or 1 / 0)
+    assert cli.main(["run", *line.split(), "--quiet", "--out", str(tmp_path)]) == 1
+    assert configs == [config]
+
+
 def test_objects_that_could_run_code_are_refused(runs, tmp_path):
     folder = release.write([runs], tmp_path / "made")[0]
     path = folder / records.WEIGHTS

@@ -98,6 +98,8 @@ def _choice(trial: Trial, scores: Sequence[tuple[str, int, float]]) -> str:
     seed = trial.config.seed
     pool = seed_pools.own().of(seed) or "no"
     others = sorted(scores, key=lambda row: (-row[2], row[0], row[1]))
+    if len(others) == 1:
+        return f"It is the only trial that there was, of seed {seed} (of the pool for {pool})."
     return (
         f"It is the trial of seed {seed} (of the pool for {pool}) with the highest score, of the "
         f"{len(scores)} trials below. A score by which an agent was chosen is higher than what its "
@@ -114,32 +116,34 @@ def _training(trial: Trial) -> str:
     rows = trial.evaluations()
     curve = rows[rows["deterministic"]].groupby("checkpoint")["normalized_score"].mean()
     minutes = trial.timings.get("training_s", 0.0) / 60
-    options = _options(config)
     settings = ", ".join(f"{name}={value:g}" for name, value in config.hyperparameters.items())
     versions = ", ".join(f"{name} {version}" for name, version in sorted(trial.versions.items()))
     return (
         f"{config.steps} steps without noise, {minutes:.1f} minutes on one core:\n\n"
-        f"```\nusbench run {' '.join(options)}\n```\n\n"
+        f"```\nusbench run {' '.join(options(config))}\n```\n\n"
         f"Hyperparameters: {settings}. Versions: {versions}.\n\nThe learning curve, greedy actions:\n\n"
         + _table(("step", "score"), [(str(step), f"{score:.3f}") for step, score in curve.items()])
     )
 
 
-def _options(config: TrialConfig) -> list[str]:
+def options(config: TrialConfig) -> list[str]:
     """Return the options of `usbench run` that make this trial, defaults left out."""
     plain = resolve(config.algo, config.task, seed=config.seed)
-    options = [f"--algo {config.algo}", f"--task {config.task}", f"--seed {config.seed}"]
+    found = [f"--algo {config.algo}", f"--task {config.task}", f"--seed {config.seed}"]
     for name in ("steps", "n_frames", "n_envs"):
         if getattr(config, name) != getattr(plain, name):
-            options.append(f"--{name.replace('_', '-')} {getattr(config, name)}")
+            found.append(f"--{name.replace('_', '-')} {getattr(config, name)}")
+    senses = config.environment.get("senses", ())
+    if senses != plain.environment.get("senses", ()):
+        found.append(f"--senses {' '.join(senses)}")
     changed = {
         name: value
         for name, value in config.hyperparameters.items()
         if plain.hyperparameters.get(name) != value
     }
     if changed:
-        options.append("--set " + " ".join(f"{name}={value}" for name, value in changed.items()))
-    return options
+        found.append("--set " + " ".join(f"{name}={value}" for name, value in changed.items()))
+    return found
 
 
 def _limits(trial: Trial, setting: Setting, greedy: pd.DataFrame) -> str:
