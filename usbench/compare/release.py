@@ -12,7 +12,6 @@ from usbench import records, released
 from usbench.agents.zoo import ZOO
 from usbench.atomic import atomic_file
 from usbench.compare import model_card
-from usbench.envs.observation.senses import ACTIONS
 from usbench.records import ConfigurationError, Trial, checksums
 from usbench.setting import Setting
 from usbench.suite import PAPER
@@ -21,6 +20,8 @@ from usbench.trials.model_loading import load_agent
 # The paper's agent is released on the paper's tasks, whether it is the best there or not.
 OWN = "vpg"
 DECIMALS = 6
+# What any agent may be told: its own last actions.
+ACTIONS = "actions"
 # Copies of other weights, which only training needs: `load_agent` copies them again.
 TARGET_NETWORK = "_net_target."
 
