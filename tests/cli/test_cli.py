@@ -152,6 +152,17 @@ def test_help_shows_examples_and_does_not_wait_for_torch():
     assert "usbench run --algo vpg --task pp" in done.stdout
 
 
+@pytest.mark.parametrize("name", sorted(cli.build_parser()[1]))
+def test_helps_fit_80_columns(name, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    text = cli.build_parser()[1][name].format_help()
+    assert [line for line in text.split("\n") if len(line) > 80] == []
+
+
+def test_a_guide_to_an_unknown_task_is_refused_before_its_address_is_told(capsys):
+    assert "unknown task 'pq' (did you mean 'pp'?)" in refusal(capsys, "guide", "--task", "pq")
+
+
 def test_module_is_the_command():
     done = subprocess.run([sys.executable, "-m", "usbench", "--version"], capture_output=True, text=True)
     assert done.returncode == 0 and done.stdout.startswith("usbench 0.")

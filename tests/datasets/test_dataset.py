@@ -92,7 +92,7 @@ def test_a_trial_plays_as_it_does_elsewhere(place, finished):
             "episodes must be a whole number in [1, ",
         ),
         (["--task", "pq", "--agent", "best"], "did you mean"),
-        (["--task", "pp", "--agent", "nobody"], "'nobody'"),
+        (["--task", "pp", "--agent", "nobody"], "unknown agent 'nobody': allowed are 'oracle', 'best', "),
         (["--task", "pp", "--agent", "best:fp"], "was trained on 'fp'"),
         (["--task", "exam-stop", "--agent", "best"], "no trained agent 'best:exam-stop'"),
         (["--task", "pp", "--agent", "random", "--noise", "2"], "2"),

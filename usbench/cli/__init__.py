@@ -50,7 +50,7 @@ COMMANDS = (
 EXAMPLES = """examples:
   usbench run --algo vpg --task pp
   usbench run --algo vpg --task fp --noise 0.25 --seed 3
-  usbench run --algo vpg --task pp --preset spinup --set gamma=0.95 --out my_runs
+  usbench run --algo vpg --task pp --preset spinup --set gamma=0.95 --out mine
   usbench compare --tasks pp --noise 0 --seeds 2 --steps 1024
   usbench run --algo dqn --task exam --reward image
   usbench compare --algos vpg dqn --tasks pp pp-random --noise 0

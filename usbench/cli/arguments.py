@@ -3,6 +3,7 @@
 import argparse
 import contextlib
 import sys
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
@@ -10,10 +11,19 @@ from typing import Any, NoReturn
 from usbench.checks import closest
 
 REFUSED = 2
-# Said after Ctrl-C of commands that keep what they have done.
 # The leaderboard of the grid.
 LEADERBOARD = Path("leaderboard.md")
+# Said after Ctrl-C of commands that keep what they have done.
 GOES_ON = "the same command goes on from there."
+
+
+class Help(argparse.RawDescriptionHelpFormatter):
+    """Breaks a description of one line to the width of the terminal; examples keep their lines."""
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        if "\n" in text:
+            return super()._fill_text(text, width, indent)
+        return textwrap.fill(text, width, initial_indent=indent, subsequent_indent=indent)
 
 
 class Parser(argparse.ArgumentParser):
@@ -21,7 +31,7 @@ class Parser(argparse.ArgumentParser):
 
     def __init__(self, **kwargs: Any) -> None:
         """Takes argparse's arguments."""
-        super().__init__(allow_abbrev=False, formatter_class=argparse.RawDescriptionHelpFormatter, **kwargs)
+        super().__init__(allow_abbrev=False, formatter_class=Help, **kwargs)
 
     def refuse(self, rest: Sequence[str]) -> NoReturn:
         """Refuse the arguments that nothing takes, with the closest option if the first of them is one."""

@@ -19,17 +19,20 @@ TABLES = Path("tables")
 
 EXAMPLES = """examples:
   usbench compare
-      the grid of the protocol: every algorithm on both tasks with three noise levels and 10 seeds
+      the grid of the protocol: every algorithm on both tasks with three noise
+      levels and 10 seeds
   usbench compare --table single-frames
-      a further table of the protocol, with a leaderboard apart: tables/single-frames.md
+      a further table of the protocol, with a leaderboard apart:
+      tables/single-frames.md
   usbench compare --algos vpg ppo --tasks pp --noise 0 --seeds 10 --jobs 8
-  usbench compare --steps 1024 --seeds 2 --out quick --leaderboard quick/leaderboard.md
+  usbench compare --steps 1024 --seeds 2 --out quick \\
+      --leaderboard quick/leaderboard.md
       a minute's try
   usbench compare --cluster tcp://host:8786
       on the workers of a Dask cluster (docs/scaling.md)
 
-What is finished is not run again, so the same command goes on after an interruption; with --report-only it
-writes the leaderboard of what there is so far.
+What is finished is not run again, so the same command goes on after an
+interruption; with --report-only it writes the leaderboard of what there is.
 """
 
 

@@ -7,7 +7,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from usbench.checks import ConfigurationError
 from usbench.cli.arguments import add_probe_and_imaging, add_runs, number, probe_and_imaging
+from usbench.tasks import row_of
 
 if TYPE_CHECKING:
     from usbench.guide.session import Session
@@ -21,7 +23,8 @@ EXAMPLES = """examples:
   usbench guide --study anna --task pp
   usbench guide --probe probe.toml --imaging imaging.toml
 
-Nobody but this machine can reach the page. From elsewhere: ssh -L 8000:127.0.0.1:8000 HOST
+Nobody but this machine can reach the page. From elsewhere:
+ssh -L 8000:127.0.0.1:8000 HOST
 """
 
 
@@ -64,6 +67,8 @@ def _call(args: argparse.Namespace) -> None:
     """Serve the page on which a person moves the probe, until Ctrl-C."""
     from usbench.guide import server
 
+    if args.task is not None:
+        _check_task(args.task)
     made: list[Session] = []
 
     def make(tell: Callable[[str], None]) -> Session:
@@ -84,3 +89,11 @@ def _call(args: argparse.Namespace) -> None:
         finally:
             for session in made:
                 session.close()
+
+
+def _check_task(task: str) -> None:
+    """Refuse a name that no task has, before an address is told."""
+    try:
+        row_of(task)
+    except ValueError as error:
+        raise ConfigurationError(str(error)) from error

@@ -17,7 +17,8 @@ EXAMPLES = """examples:
   usbench plot leaderboard_files --out paper --format pdf
       from the tables that compare left
   usbench plot published runs
-      of the benchmark's own trials, whose tables come with the package, and of yours
+      of the benchmark's own trials, whose tables come with the package, and
+      of yours
 """
 
 

@@ -17,12 +17,14 @@ if TYPE_CHECKING:
 EXAMPLES = """examples:
   usbench run --algo vpg --task pp
   usbench run --algo vpg --task fp --noise 0.25 --seed 3
-  usbench run --algo vpg --task pp --preset spinup --set gamma=0.95 --out my_runs
-  usbench run --algo dqn --task pp --phantom spine.mha frames=recorded target_x_mm=0 target_angle_deg=0
+  usbench run --algo vpg --task pp --preset spinup --set gamma=0.95 --out mine
+  usbench run --algo dqn --task pp --phantom spine.mha frames=recorded \\
+      target_x_mm=0 target_angle_deg=0
       in a custom anatomy (docs/anatomy.md)
   usbench run --algo dqn --task pp --probe probe.toml --imaging imaging.toml
-  usbench run --algo dqn --task pp-random --senses position heading
       with another probe and other frames (usbench defaults probe > probe.toml)
+  usbench run --algo dqn --task pp-random --senses position heading
+      told where the probe is and how it is turned, beside the frames
 """
 
 

@@ -15,7 +15,8 @@ EXAMPLES = """examples:
   usbench search --algo dqn --protocol mine.toml --records mine
       candidates, rungs and seeds of a protocol of yours (docs/protocol.md)
 
-The same command goes on where it was stopped, on another machine too if the records are there.
+The same command goes on where it was stopped, on another machine too if the
+records are there.
 """
 
 

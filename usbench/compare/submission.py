@@ -59,11 +59,13 @@ def check(runs: Path, tell: Callable[[str], None] = lambda _: None) -> dict[Path
     folders = records.trial_folders(runs) if runs.is_dir() else []
     if not folders:
         raise ConfigurationError(f"there is no trial in {str(runs)!r}: usbench compare makes some.")
-    tell(f"checking {len(folders)} trials: every evaluation is played again, some seconds for each trial")
+    trials = "1 trial" if len(folders) == 1 else f"{len(folders)} trials"
+    tell(f"checking {trials}: every evaluation is played again, some seconds for each trial")
     found = {}
     for number, folder in enumerate(folders, 1):
         found[folder] = problems(folder)
-        tell(f"[{number}/{len(folders)}] {folder.name}: {' '.join(found[folder]) or 'verified'}")
+        told = "".join(f"\n  {problem}" for problem in found[folder]) or " verified"
+        tell(f"[{number}/{len(folders)}] {folder.name}:{told}")
     return found
 
 

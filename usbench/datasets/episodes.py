@@ -95,6 +95,11 @@ def open_agent(name: str, setting: Setting, seed: int) -> tuple[Any, int]:
     if name in (ORACLE, RANDOM):
         env = DummyVecEnv([setting.make_env])
         return make_agent(setting, name, env, seed, {}), setting.n_frames
+    if name != BEST and not released.place(name).exists():
+        raise ConfigurationError(
+            f"unknown agent {name!r}: allowed are {ORACLE!r}, {BEST!r}, {RANDOM!r}, {MIXED!r}, the folder of "
+            "a trial, and the name of an agent that comes with the package."
+        )
     loaded = load_agent(f"{BEST}:{setting.task}" if name == BEST else released.place(name))
     recorded = Setting.recorded(loaded.config)
     if (recorded.task, recorded.probe, recorded.imaging) != (setting.task, setting.probe, setting.imaging):

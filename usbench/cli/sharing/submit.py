@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any
 
 EXAMPLES = """examples:
-  usbench compare --algos mine:LongPPO --out mine --leaderboard mine/leaderboard.md
+  usbench compare --algos mine:LongPPO --out mine \\
+      --leaderboard mine/leaderboard.md
   usbench submit mine
-      checks the trials in mine and writes the folder submission (docs/submit.md)
+      checks the trials in mine, writes the folder submission (docs/submit.md)
   usbench submit submission --check
       checks again, and writes nothing
 """
