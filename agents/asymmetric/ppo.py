@@ -59,6 +59,7 @@ class AsymmetricPPO(PPO):
     ) -> bool:
         """As in SB3: fills the rollout with steps; False if the callback ended it before."""
         assert isinstance(rollout_buffer, StateBuffer) and self._last_obs is not None
+        assert self._last_states is not None and self._last_episode_starts is not None
         self.policy.set_training_mode(False)
         rollout_buffer.reset()
         callback.on_rollout_start()

@@ -44,7 +44,7 @@ class StateBuffer(ValuesAtEndBuffer):
             return policy.values(self.to_torch(self.states.reshape(-1, SIZE))).cpu().numpy()
 
     def _get_samples(self, batch_inds: npt.NDArray[np.intp], env: Any = None) -> Any:
-        samples = super()._get_samples(batch_inds, env)
+        samples: Any = super()._get_samples(batch_inds, env)
         states = self.to_torch(self.states[batch_inds])
         return samples._replace(observations=Known(samples.observations, states))
 

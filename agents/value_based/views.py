@@ -58,7 +58,8 @@ class Views(nn.Module):
         senses = observations[SENSES]
         each = senses.view(len(senses), -1, self.sources.shape[1])
         later = 2.0 ** torch.arange(each.shape[1], device=senses.device)
-        return ((each[:, :, self.sources] * self.firsts).sum(-1) * later[:, None]).sum(1)
+        points: torch.Tensor = ((each[:, :, self.sources] * self.firsts).sum(-1) * later[:, None]).sum(1)
+        return points
 
     def _told_by_picture(self, observations: Any) -> torch.Tensor:
         """Half a point where the left half of the last frame is the brighter in a view (n, n_views)."""
