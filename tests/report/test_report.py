@@ -98,7 +98,7 @@ def test_page_is_whole_and_closed_to_the_outside(runs, tmp_path):
     assert len(ids) == len(set(ids))
     for words in (
         "A first look and no ranking: training was cut short",
-        "All of 1 trial is finished",
+        "The only trial is finished",
         "return that it costs",
         "out of the object&#39;s plane",
         "value_learning_rate 0.001",
@@ -199,7 +199,7 @@ def test_a_damaged_trial_is_left_out_and_named(runs, without_figures, tmp_path, 
     assert told in capsys.readouterr().err
     page = out.read_text()
     assert (
-        "Left out, since their records are damaged: second/" in page and "All of 1 trial is finished." in page
+        "Left out, since their records are damaged: second/" in page and "The only trial is finished." in page
     )
     assert cli.main(["plot", str(runs), "--out", str(tmp_path / "figures")]) == 0
     assert told in capsys.readouterr().err

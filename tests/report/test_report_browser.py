@@ -72,6 +72,9 @@ def test_page_offline(page):
     page.emulate_media(reduced_motion="reduce")
     assert shown(page, "film") == [False, False] and shown(page, "still") == [True, True]
 
+    assert page.locator("#leaderboard details[open] table").count() >= 2  # one for each cell
+    assert "<" not in page.locator("#leaderboard").inner_text()
+
     page.get_by_role("link", name="Look-alike poses").click()
     assert page.get_by_role("heading", name="Look-alike poses").is_visible()
 

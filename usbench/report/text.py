@@ -1,6 +1,7 @@
 """The leaderboard's Markdown as HTML: the same words and numbers, in tables that scroll and have captions."""
 
 import re
+from collections.abc import Iterator, Sequence
 
 from markdown_it import MarkdownIt
 from markdown_it.token import Token
@@ -15,6 +16,8 @@ CAPTIONS = {
     "Stability of ranks": "ranks, without unit",
 }
 _HEADING = re.compile(r"^## (.+)$", re.MULTILINE)
+# What `usbench.results.text.folded` writes around a part, each in a paragraph of its own.
+_FOLD, _FOLD_END = re.compile(r"<details>\s*<summary>([^<>]*)</summary>"), "</details>"
 # Nothing that could lead out of the page: names and reasons in records may be a stranger's.
 _MARKDOWN = MarkdownIt("zero").enable(["table", "list", "fence", "backticks", "emphasis"])
 
@@ -33,9 +36,9 @@ def _unit(title: str) -> str:
 
 
 def html(markdown: str, caption: str = "") -> Markup:
-    """Return `markdown` as HTML; a table in it takes `caption`."""
+    """Return `markdown` as HTML; a table in it takes `caption`, folded parts are open at first."""
     tokens: list[Token] = []
-    for token in _MARKDOWN.parse(markdown):
+    for token in _with_folds(_MARKDOWN.parse(markdown)):
         if token.type == "table_open":
             tokens += [
                 _raw(scroller(caption)),
@@ -58,6 +61,23 @@ def inline(markdown: str) -> Markup:
 def scroller(caption: str) -> Markup:
     """Return the opening of a box that a wide table scrolls in, by keyboard too."""
     return Markup('<div class="scroll" role="region" tabindex="0" aria-label="{}">').format(caption)
+
+
+def _with_folds(tokens: Sequence[Token]) -> Iterator[Token]:
+    """Yield `tokens` with an element in place of each paragraph that begins or ends a folded part."""
+    k = 0
+    while k < len(tokens):
+        inside = tokens[k + 1].content if tokens[k].type == "paragraph_open" else ""
+        fold = _FOLD.fullmatch(inside)
+        if fold:
+            yield _raw(f"<details open><summary>{escape(fold[1])}</summary>\n")
+        elif inside == _FOLD_END:
+            yield _raw("</details>\n")
+        else:
+            yield tokens[k]
+            k += 1
+            continue
+        k += 3
 
 
 def _name_headers(tokens: list[Token]) -> None:

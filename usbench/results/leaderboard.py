@@ -211,7 +211,7 @@ def _cell(rows: pd.DataFrame) -> str:
         )
     numbers = [title for title, *_ in COLUMNS]
     shown = text.table(["agent", "seeds", "score, greedy", "score, sampled", *numbers], lines)
-    return text.folded(f"Scores ({len(lines)} rows)", shown)
+    return text.folded(f"Scores ({len(lines)} {'row' if len(lines) == 1 else 'rows'})", shown)
 
 
 def _unseen(table: pd.DataFrame) -> str:
