@@ -20,7 +20,7 @@ MADE_ANEW = frozenset(
     {
         "device", "env", "_vec_normalize_env", "_logger", "_custom_logger",
         "observation_space", "action_space", "policy", "policy_kwargs",
-        "q_net", "q_net_target", "teacher", "quantile_net", "quantile_net_target",
+        "q_net", "q_net_target", "teacher", "model", "quantile_net", "quantile_net_target",
         "batch_norm_stats", "batch_norm_stats_target", "rollout_buffer", "rollout_buffer_kwargs",
         "replay_buffer", "replay_buffer_kwargs", "train_freq", "lr_schedule", "value_lr_schedule",
         "exploration_schedule", "clip_range", "clip_range_vf",

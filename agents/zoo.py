@@ -32,8 +32,9 @@ class Entry:
     # How many environments in step it learns in, unless a trial says otherwise.
     n_envs: int = 1
     learns: bool = True
-    # Whether a teacher who knows the simulator shows it what to do: it is shown as a ceiling, and not ranked.
-    taught: bool = False
+    # What a `Setting` makes for it beside the environment, by the name of the method. An agent with a need is
+    # told the truth while it learns, and is not ranked.
+    needs: str = ""
     # Whether the agent looks at frames; for an agent that does not look, no frames are simulated.
     looks: bool = True
     # Whether it is a row of the paper's grid and of the search; others are made for unseen phantoms.
@@ -261,7 +262,7 @@ UNSEARCHED: dict[str, Entry] = {
         },
         n_envs=32,
         compared=False,
-        taught=True,
+        needs="teacher",
         hyperparameters={
             "learning_rate": 1e-3,
             "final_learning_rate": 5e-5,
@@ -306,6 +307,34 @@ UNSEARCHED: dict[str, Entry] = {
             "vf_coef": 0.5,
             "max_grad_norm": 0.5,
             "normalize_advantage": True,
+        },
+    ),
+    "belief": Entry(
+        title="classical: a recogniser, a Bayes filter over places and the oracle's votes, not ranked",
+        cls="usbench.agents.taught.belief:BeliefAgent",
+        policy="MultiInputPolicy",
+        policy_kwargs={
+            "features_extractor_class": "usbench.agents.taught.belief:LastFrameTrunk",
+            "net_arch": [],
+        },
+        n_envs=32,
+        compared=False,
+        needs="scene_model",
+        hyperparameters={
+            "learning_rate": 1e-3,
+            "final_learning_rate": 5e-5,
+            "buffer_size": 100_000,
+            "learning_starts": 1_024,
+            "batch_size": 128,
+            "train_freq": 32,
+            "gradient_steps": 4,
+            "target_update_interval": 32,
+            "tau": 0.02,
+            "exploration_fraction": 0.2,
+            "exploration_initial_eps": 1.0,
+            "exploration_final_eps": 0.05,
+            "max_grad_norm": 10.0,
+            "max_shift_px": 0,
         },
     ),
     "random": Entry(

@@ -11,8 +11,8 @@ TABLE = "ceilings.csv"
 # Tasks with the poses, starts and phantoms for which the table was made, and what each tells by default.
 TASKS: dict[str, tuple[str, ...]] = {"pp-random": (), "pp-tracked": ("position", "heading")}
 ACTIONS = "actions"
-# Algorithms that a teacher shows what to do: what they reach is a ceiling too, and is not ranked.
-TAUGHT = ("distilled",)
+# Algorithms that are told the truth while they learn, and are not ranked, with what is said of them.
+TAUGHT = {"distilled": "ceiling, not ranked", "belief": "classical, not ranked"}
 
 
 def ceiling(task: str, senses: Iterable[str] | None = None) -> float | None:
@@ -29,9 +29,9 @@ def ceiling(task: str, senses: Iterable[str] | None = None) -> float | None:
     return _table().get(frozenset(told) - {ACTIONS})
 
 
-def is_taught(algo: str) -> bool:
-    """Return whether an algorithm, with the paper's network or another ("name+network"), has a teacher."""
-    return algo.partition("+")[0] in TAUGHT
+def taught(algo: str) -> str:
+    """Return what is said of an algorithm ("name", "name+network") that is not ranked; "" of one that is."""
+    return TAUGHT.get(algo.partition("+")[0], "")
 
 
 @cache

@@ -23,9 +23,9 @@ from usbench.checks import probability, unknown, whole_number
 from usbench.envs import oracle
 from usbench.envs.anatomy import Anatomy
 from usbench.envs.bmode import Imaging
+from usbench.envs.ceilings.scene_model import SceneModel, scene_model
 from usbench.envs.ceilings.teacher import Teacher, teacher
 from usbench.envs.frames import frame_store
-from usbench.envs.observation.senses import ACTIONS
 from usbench.envs.observation.symmetries import Symmetries, symmetries
 from usbench.envs.observation.wrappers import ImageStack, NormalizeImage
 from usbench.envs.pose import Pose
@@ -256,15 +256,26 @@ class Setting:
         Raises:
             ConfigurationError: If the task draws no phantoms, or its beliefs cannot be listed.
         """
+        return self._of_drawn_phantoms(teacher, "a teacher")
+
+    def scene_model(self) -> SceneModel:
+        """Return what a classical agent knows of the task.
+
+        Raises:
+            ConfigurationError: If the task draws no phantoms, moves the focus, or does not tell the pose.
+        """
+        return self._of_drawn_phantoms(scene_model, "a classical agent")
+
+    def _of_drawn_phantoms(self, made: Callable[..., T], what: str) -> T:
+        """Return what is made for the task, its phantoms, senses and noise."""
         if not self.row.phantoms:
             drawing = ", ".join(repr(name) for name, row in suite.TASKS.items() if row.phantoms)
             raise ConfigurationError(
-                f"a teacher is for tasks that draw phantoms ({drawing}), not for {self.task!r}."
+                f"{what} is for tasks that draw phantoms ({drawing}), not for {self.task!r}."
             )
         try:
             plain = self.plain_env()
-            told = tuple(name for name in plain.senses.names if name != ACTIONS)
-            return teacher(plain.task, plain.distribution, told, self.noise)
+            return made(plain.task, plain.distribution, plain.senses.names, self.noise)
         except ValueError as error:
             raise ConfigurationError(str(error)) from error
 

@@ -46,9 +46,11 @@ class Distilled(DoubleDQN):
 
     Attributes:
         takes_teacher: Whether the class is made with a `teacher`.
+        tells_preferences: Whether the network's outputs are logits of actions, and no returns.
     """
 
     takes_teacher = True
+    tells_preferences = True
     replay_buffer: AdviceBuffer
 
     def __init__(
@@ -72,7 +74,13 @@ class Distilled(DoubleDQN):
         self.teacher, self.temperature = teacher, temperature
         self._beliefs: Beliefs = np.zeros(0, np.int64)
         self._costs: npt.NDArray[np.float32] = np.zeros((0, 0), np.float32)
-        super().__init__(policy, env, replay_buffer_class=AdviceBuffer, replay_buffer_kwargs={}, **kwargs)
+        super().__init__(
+            policy,
+            env,
+            replay_buffer_class=AdviceBuffer,
+            replay_buffer_kwargs={"n_values": int(env.action_space.n)},
+            **kwargs,
+        )
 
     def _excluded_save_params(self) -> list[str]:
         return [*super()._excluded_save_params(), "teacher"]

@@ -42,7 +42,7 @@ class Teacher:
     Attributes:
         task: The task.
         phantoms: What its phantoms are drawn from.
-        senses: What the student is told; the teacher knows its own actions besides.
+        senses: What the student is told; the teacher knows its own actions in any case.
         noise: Probability of a displacement after each action.
 
     Raises:
@@ -113,7 +113,8 @@ class Teacher:
 
     @cached_property
     def _observed(self) -> Ints:
-        return self.known.observed(tuple(name for name in self.senses if name != "focus"))
+        of_pose = tuple(name for name in self.senses if name not in ("focus", sensing.ACTIONS))
+        return self.known.observed(of_pose)
 
     @cached_property
     def _graph(self) -> BeliefGraph:

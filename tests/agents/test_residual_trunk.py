@@ -45,7 +45,7 @@ def test_images_that_are_too_small_are_refused():
         trunk(90, 6)
 
 
-@pytest.mark.parametrize("algo", [name for name, row in zoo.ZOO.items() if row.learns and not row.taught])
+@pytest.mark.parametrize("algo", [name for name, row in zoo.ZOO.items() if row.learns and not row.needs])
 def test_every_algorithm_learns_with_it(quick, tmp_path, algo):
     name = f"{algo}+residual"
     config = resolve(name, "pp", steps=64)

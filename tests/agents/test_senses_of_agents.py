@@ -16,7 +16,7 @@ from usbench.agents.dict_rollout import SliceableObservations
 from usbench.agents.frame_buffer import FrameReplayBuffer
 from usbench.agents.sensing_trunk import SensingTrunk
 
-LEARNERS = [algo for algo, row in zoo.ZOO.items() if row.learns and not row.taught]
+LEARNERS = [algo for algo, row in zoo.ZOO.items() if row.learns and not row.needs]
 SMALL = {
     "vpg": {"n_steps": 16},
     "vpg-tuned": {"n_steps": 16},

@@ -12,7 +12,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 from usbench.agents import zoo
 from usbench.agents.networks import ConvTrunk
 
-LEARNERS = [algo for algo, row in zoo.ZOO.items() if row.learns and not row.taught]
+LEARNERS = [algo for algo, row in zoo.ZOO.items() if row.learns and not row.needs]
 # An update or more within 64 steps.
 SMALL = {
     "vpg": {"n_steps": 16},

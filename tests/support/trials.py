@@ -9,7 +9,7 @@ from usbench.agents import zoo
 from usbench.trials import callback, runner
 from usbench.trials.configuration import resolve
 
-LEARNERS = [algo for algo, row in zoo.ZOO.items() if row.learns and not row.taught]
+LEARNERS = [algo for algo, row in zoo.ZOO.items() if row.learns and not row.needs]
 STEPS = 64
 # So small that every algorithm makes updates within these steps.
 SMALL = {

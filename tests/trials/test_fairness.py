@@ -11,7 +11,7 @@ from usbench.setting import Setting
 from usbench.trials import callback, evaluation, learning, runner
 from usbench.trials.configuration import resolve
 
-LEARNERS = [algo for algo, row in zoo.ZOO.items() if row.learns and not row.taught]
+LEARNERS = [algo for algo, row in zoo.ZOO.items() if row.learns and not row.needs]
 STEPS = 96
 # So small that all of them have learned from something within these steps.
 SMALL = {

@@ -98,7 +98,7 @@ def test_nothing_is_unpickled_on_the_way(finished, monkeypatch):
     model_loading.load_agent(finished / records.MODEL)
 
 
-@pytest.mark.parametrize("algo", [name for name, row in zoo.ZOO.items() if row.learns and not row.taught])
+@pytest.mark.parametrize("algo", [name for name, row in zoo.ZOO.items() if row.learns and not row.needs])
 @pytest.mark.parametrize("task", ["fp", "pp"])
 def test_every_algorithms_plain_zip_is_opened(quick, tmp_path, algo, task):
     config = resolve(algo, task)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from usbench.ceilings import is_taught
+from usbench.ceilings import taught
 from usbench.results import stats
 from usbench.results.agents import named
 from usbench.results.protocol import further
@@ -71,13 +71,13 @@ def environments(trials: pd.DataFrame) -> pd.Series:
 
 
 def ranked(trials: pd.DataFrame) -> pd.Series:
-    """Return which trials are of agents that are ranked: those that learn, and have no teacher."""
-    return (trials["steps"] > 0) & ~trials["algo"].map(is_taught).astype(bool)
+    """Return which trials are of agents that are ranked: those that learn, and are not told the truth."""
+    return (trials["steps"] > 0) & (trials["algo"].map(taught) == "")
 
 
 def note(algo: str, steps: int) -> str:
     """Return what is said of an agent that is not ranked; nothing of one that is."""
-    return "not learned" if steps == 0 else "ceiling, not ranked" if is_taught(algo) else ""
+    return "not learned" if steps == 0 else taught(algo)
 
 
 def value_based(trials: pd.DataFrame) -> pd.Series:

@@ -47,8 +47,8 @@ def resolve(
         # Names first: they are cheap to check.
         entry = zoo.entry(algo)
         met = Setting(task=task, **setting)
-        if entry.taught:
-            met.teacher()
+        if entry.needs:
+            getattr(met, entry.needs)()
         hyperparameters = zoo.hyperparameters(algo, task, preset=preset, overrides=overrides or {})
         # Nothing is forgotten over the task's whole budget.
         if "buffer_size" in hyperparameters and "buffer_size" not in (overrides or {}):

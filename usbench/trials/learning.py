@@ -42,6 +42,8 @@ def make_agent(setting: Setting, algo: str, env: Any, seed: int, hyperparameters
         kwargs["symmetries"] = setting.symmetries()
     if getattr(model_class, "takes_teacher", False):
         kwargs["teacher"] = setting.teacher()
+    if getattr(model_class, "takes_model", False):
+        kwargs["model"] = setting.scene_model()
     return zoo.make(algo, env, seed, hyperparameters, **kwargs)
 
 

@@ -31,7 +31,7 @@ class Adviser:
         if step == 0:
             self._forget()
         policy = self._policy
-        if not isinstance(policy, BasePolicy):
+        if not isinstance(policy, BasePolicy) or getattr(self._agent, "remembers", False):
             return self._certain(observation, info, step)
         seen: Any = policy.obs_to_tensor(senses.batch([observation]))[0]
         if isinstance(policy, RecurrentActorCriticPolicy):
@@ -41,7 +41,10 @@ class Adviser:
         if isinstance(policy, ActorCriticPolicy):
             return Advice(_probabilities(policy.get_distribution(seen)))
         if isinstance(policy, DQNPolicy):
-            return Advice(_numbers(getattr(policy, "greedy_net", policy.q_net)(seen)), "value")
+            values = getattr(policy, "greedy_net", policy.q_net)(seen)
+            if getattr(self._agent, "tells_preferences", False):
+                return Advice(_numbers(values.softmax(dim=1)))
+            return Advice(_numbers(values), "value")
         if isinstance(policy, QRDQNPolicy):
             return Advice(_numbers(policy.quantile_net(seen).mean(dim=1)), "value")
         return self._certain(observation, info, step)

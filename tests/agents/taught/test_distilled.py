@@ -126,7 +126,7 @@ def test_student_of_a_task_knows_the_teachers_beliefs_after_its_own_steps(tracke
     teacher = agent.teacher
     seen = teacher._graph.seen[agent._beliefs // teacher._depths.n_columns]
     assert seen.tolist() == teacher._observed[teacher._hypotheses(infos)].tolist()
-    assert (agent.replay_buffer.costs[:32] >= 0).all() and agent.replay_buffer.costs.max() > 0.2
+    assert (agent.replay_buffer.told[:32] >= 0).all() and agent.replay_buffer.told.max() > 0.2
 
 
 def test_state_has_beliefs_and_costs(tracked):
@@ -135,7 +135,7 @@ def test_state_has_beliefs_and_costs(tracked):
     other = anew()
     model_state.put_back(other, state)
     assert other._beliefs.tolist() == agent._beliefs.tolist()
-    np.testing.assert_array_equal(other.replay_buffer.costs, agent.replay_buffer.costs)
+    np.testing.assert_array_equal(other.replay_buffer.told, agent.replay_buffer.told)
     assert "teacher" not in state["attributes"]
 
 
@@ -168,4 +168,4 @@ def test_temperature_is_checked():
 
 
 def test_rows_with_a_teacher_are_those_that_results_do_not_rank():
-    assert {name for name, row in zoo.ZOO.items() if row.taught} == set(ceilings.TAUGHT)
+    assert {name for name, row in zoo.ZOO.items() if row.needs} == set(ceilings.TAUGHT)
