@@ -84,7 +84,7 @@ class RecognisingPolicy(SymmetricPolicy):
 
     def make_q_net(self) -> Any:
         """A new network, with an output for each look."""
-        arguments = {**self.net_args, "action_space": spaces.Discrete(self.n_looks)}
+        arguments: dict[str, Any] = {**self.net_args, "action_space": spaces.Discrete(self.n_looks)}
         arguments = self._update_features_extractor(arguments, features_extractor=None)
         return QNetwork(**arguments).to(self.device)
 
@@ -110,7 +110,7 @@ class BeliefAgent(DoubleDQN):
     takes_symmetries = False
     remembers = True
     policy_aliases: ClassVar[dict[str, type[BasePolicy]]] = {"MultiInputPolicy": RecognisingPolicy}
-    policy: RecognisingPolicy  # type: ignore[assignment]
+    policy: RecognisingPolicy
     replay_buffer: AdviceBuffer
 
     def __init__(
@@ -158,7 +158,7 @@ class BeliefAgent(DoubleDQN):
     ) -> tuple[npt.NDArray[Any], Any]:
         """Actions for observations, and what is known then; `state` is what was known before."""
         seen, is_batch = self.policy.obs_to_tensor(observation)
-        states = self.model.states(seen[SENSES].cpu().numpy())  # type: ignore[index,call-overload]
+        states = self.model.states(seen[SENSES].cpu().numpy())  # type: ignore[index]
         known = self._following(state, episode_start, seen, states)
         places = functional.softmax(torch.as_tensor(known.evidence), dim=1).numpy()
         actions = np.einsum("nt,nta->na", places, self.model.is_best[states]).round(6).argmax(axis=1)

@@ -121,9 +121,9 @@ class Distilled(DoubleDQN):
         replay_buffer.note(self._costs)
         super()._store_transition(replay_buffer, buffer_action, new_obs, reward, dones, infos)
         self._beliefs = self.teacher.following(self._beliefs, buffer_action, infos)
-        ended = np.flatnonzero(dones)
-        if len(ended):
-            self._beliefs[ended] = self.teacher.first([self._first_infos[i] for i in ended])
+        if dones.any():
+            begun = [info for info, done in zip(self._first_infos, dones, strict=True) if done]
+            self._beliefs[dones] = self.teacher.first(begun)
 
     @property
     def _first_infos(self) -> Infos:

@@ -83,11 +83,12 @@ class Hypotheses:
     @cached_property
     def shows(self) -> npt.NDArray[np.bool_]:
         """Whether anything of the object is seen, (n_states, n_targets)."""
-        looks: dict[int, bool] = {}
-        for (i, j), number in np.ndenumerate(self.seen):
-            if number not in looks:
-                looks[number] = bool(thickness_mm(self.targets[j], self.task.states[i]).any())
-        return np.vectorize(looks.get, otypes=[np.bool_])(self.seen)
+        numbers, places = np.unique(self.seen, return_index=True)
+        found = np.zeros(int(numbers.max()) + 1, np.bool_)
+        for number, place in zip(numbers, places, strict=True):
+            state, target = divmod(int(place), len(self.targets))
+            found[number] = thickness_mm(self.targets[target], self.task.states[state]).any()
+        return found[self.seen]
 
     def told(self, senses: Sequence[str]) -> Ints:
         """Return what the senses of the pose tell: a number for every hypothesis, (n_hypotheses,)."""
