@@ -102,7 +102,10 @@ def test_what_would_spoil_a_study_is_refused(tmp_path):
             Session(tmp_path, study=name)
 
 
-def test_report_and_leaderboard_show_the_rows(finished, tmp_path, capsys):
+def test_report_and_leaderboard_show_the_rows(finished, tmp_path, capsys, monkeypatch):
+    # Figures take most of the time, and tables are what is looked at.
+    monkeypatch.setattr("usbench.figures.comparison.draw", lambda known: {})
+    monkeypatch.setattr("usbench.report.poses.overview", lambda known: None)
     play(Session(finished.parent, finished, study="anna"))
     table = studies.gather(finished.parent)
     assert list(table["player"]) == list(studies.PLAYERS) and set(table["episodes"]) == {2}
