@@ -15,6 +15,7 @@ from usbench.records import ConfigurationError
 from usbench.setting import Setting
 from usbench.trials import runner
 from usbench.trials.configuration import resolve
+from usbench.watch.advice import Adviser
 
 SMALL = {"learning_starts": 16, "train_freq": 4, "batch_size": 16, "buffer_size": 1000}
 TRACKED = {"task": "pp-tracked", "n_frames": 2, "senses": ("position", "heading", "actions")}
@@ -127,6 +128,15 @@ def test_student_of_a_task_knows_the_teachers_beliefs_after_its_own_steps(tracke
     seen = teacher._graph.seen[agent._beliefs // teacher._depths.n_columns]
     assert seen.tolist() == teacher._observed[teacher._hypotheses(infos)].tolist()
     assert (agent.replay_buffer.told[:32] >= 0).all() and agent.replay_buffer.told.max() > 0.2
+
+
+def test_advice_is_how_likely_each_action_is_and_no_return(tracked):
+    agent, _ = tracked
+    observation = {name: values[0] for name, values in agent._last_obs.items()}
+    advice = Adviser(agent).advise(observation, {}, 0)
+    assert advice.kind == "probability" and sum(advice.weights) == pytest.approx(1)
+    action, _ = agent.predict(observation, deterministic=True)
+    assert int(np.argmax(advice.weights)) == int(action)
 
 
 def test_state_has_beliefs_and_costs(tracked):
