@@ -14,6 +14,8 @@ from usbench.tasks import row_of
 if TYPE_CHECKING:
     from usbench.guide.session import Session
 
+# A phantom that the best agent of the package has never seen.
+OPENING = "pp-tracked"
 EXAMPLES = """examples:
   usbench guide
   usbench guide best:fp
@@ -46,7 +48,11 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         help="folder of a trial, or best:TASK for an agent that comes with the package "
         "(default: the best of both)",
     )
-    guide.add_argument("--task", metavar="NAME", help="task to begin with (default: the trial's, or pp)")
+    guide.add_argument(
+        "--task",
+        metavar="NAME",
+        help="task to begin with (default: the trial's, or pp-tracked; of a study pp)",
+    )
     guide.add_argument("--noise", type=number, metavar="P", help="0..1 (default: the trial's, or 0)")
     add_probe_and_imaging(guide)
     guide.add_argument(
@@ -78,7 +84,8 @@ def _call(args: argparse.Namespace) -> None:
         from usbench.guide.session import Session
 
         torch.set_num_threads(1)  # as fast for one frame, and waits for nobody where other cores are busy
-        own = {"task": args.task, "noise": args.noise, **files}
+        opening = None if args.trial or args.study else OPENING
+        own = {"task": args.task or opening, "noise": args.noise, **files}
         made.append(Session(args.runs, args.trial, seed=args.seed, tell=tell, study=args.study, **own))
         return made[0]
 
