@@ -166,3 +166,9 @@ def test_a_guide_to_an_unknown_task_is_refused_before_its_address_is_told(capsys
 def test_module_is_the_command():
     done = subprocess.run([sys.executable, "-m", "usbench", "--version"], capture_output=True, text=True)
     assert done.returncode == 0 and done.stdout.startswith("usbench 0.")
+
+
+@pytest.mark.parametrize(("algo", "says"), [("ppo_asymmetric", True), ("double_dqn", True), ("ppo", False)])
+def test_list_says_which_agents_are_no_row_of_the_comparison(capsys, algo, says):
+    assert cli.main(["list", algo]) == 0
+    assert ("made for unseen phantoms" in " ".join(capsys.readouterr().out.split())) == says
