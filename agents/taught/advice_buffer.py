@@ -15,10 +15,17 @@ class AdviceBuffer(NStepFrameBuffer):
     """Observations, a byte per pixel and every frame once, with what was told of each."""
 
     def __init__(
-        self, buffer_size: int, observation_space: Any, action_space: Any, *, n_values: int, **kwargs: Any
+        self,
+        buffer_size: int,
+        observation_space: Any,
+        action_space: Any,
+        *,
+        n_values: int | None = None,
+        **kwargs: Any,
     ) -> None:
-        """Takes SB3's arguments; of each observation, `n_values` numbers are told."""
+        """Takes SB3's arguments; `n_values` numbers are told of each observation, default: one per action."""
         super().__init__(buffer_size, observation_space, action_space, **kwargs)
+        n_values = int(action_space.n) if n_values is None else n_values
         self.told = np.zeros((self.buffer_size, self.n_envs, n_values), np.float32)
 
     def note(self, told: npt.NDArray[Any]) -> None:

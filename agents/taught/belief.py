@@ -110,6 +110,7 @@ class BeliefAgent(DoubleDQN):
     takes_symmetries = False
     remembers = True
     policy_aliases: ClassVar[dict[str, type[BasePolicy]]] = {"MultiInputPolicy": RecognisingPolicy}
+    model: Any
     policy: RecognisingPolicy
     replay_buffer: AdviceBuffer
 
@@ -132,9 +133,11 @@ class BeliefAgent(DoubleDQN):
             kwargs: As there; those of returns have no effect.
 
         Raises:
-            ValueError: If there is no model, or there are no senses.
+            ValueError: If there is no model.
         """
-        if model is None:
+        if model is not None:
+            policy_kwargs = {**(policy_kwargs or {}), "n_looks": model.n_looks}
+        elif kwargs.get("_init_setup_model", True):  # SB3's `load` sets up later, from what was saved
             raise ValueError("a belief agent knows its task: make it with a model.")
         self.model = model
         self._known = Known(np.zeros((0, 0), np.float32), np.zeros((0, 0), np.bool_))
@@ -143,7 +146,7 @@ class BeliefAgent(DoubleDQN):
         super().__init__(
             policy,
             env,
-            policy_kwargs={**(policy_kwargs or {}), "n_looks": model.n_looks},
+            policy_kwargs=policy_kwargs,
             replay_buffer_class=AdviceBuffer,
             replay_buffer_kwargs={"n_values": 1},
             **kwargs,

@@ -74,13 +74,7 @@ class Distilled(DoubleDQN):
         self.teacher, self.temperature = teacher, temperature
         self._beliefs: Beliefs = np.zeros(0, np.int64)
         self._costs: npt.NDArray[np.float32] = np.zeros((0, 0), np.float32)
-        super().__init__(
-            policy,
-            env,
-            replay_buffer_class=AdviceBuffer,
-            replay_buffer_kwargs={"n_values": int(env.action_space.n)},
-            **kwargs,
-        )
+        super().__init__(policy, env, replay_buffer_class=AdviceBuffer, replay_buffer_kwargs={}, **kwargs)
 
     def _excluded_save_params(self) -> list[str]:
         return [*super()._excluded_save_params(), "teacher"]

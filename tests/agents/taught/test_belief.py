@@ -6,6 +6,7 @@ import torch
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from usbench.agents import zoo
+from usbench.agents.taught.belief import BeliefAgent
 from usbench.agents.vec_env import SB3VecEnv
 from usbench.records import ConfigurationError
 from usbench.setting import Setting
@@ -104,6 +105,9 @@ def test_trial_is_evaluated_loaded_and_gives_advice(quick, tmp_path):
     config = resolve("belief", "pp-tracked", steps=128, n_envs=4, n_frames=1, overrides=SMALL)
     folder = runner.run_trial(config, tmp_path).folder
     loaded = load_agent(folder).agent
+    # As Stable-Baselines3 opens it, too; the model of the task is no part of the file.
+    again = BeliefAgent.load(folder / "model.zip", device="cpu")
+    assert torch.equal(again.policy.counts, loaded.policy.counts)
     episodes = SETTING.evaluation_episodes()[:2]
     played = Evaluator(SETTING, episodes).play(loaded, checkpoint=0, step=0, deterministic=True)
     assert len(played) == 2
