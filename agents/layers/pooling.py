@@ -24,7 +24,7 @@ def relu_pool(maps: Tensor) -> Tensor:
     if maps.device.type != "cpu" or not (is_last or maps.requires_grad):
         # Pooling first: the same result, with a quarter of the pixels left for ReLU.
         return torch.relu(functional.max_pool2d(maps, 2))
-    pooled: Tensor = _ReluPool.apply(maps)  # type: ignore[no-untyped-call]
+    pooled: Tensor = _ReluPool.apply(maps)
     return pooled
 
 
@@ -64,7 +64,7 @@ class _ReluPool(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, gradient: Tensor) -> Any:
-        return _Spread.apply(gradient, *ctx.saved_tensors, ctx.shape)  # type: ignore[no-untyped-call]
+        return _Spread.apply(gradient, *ctx.saved_tensors, ctx.shape)
 
 
 class _Spread(torch.autograd.Function):
@@ -75,7 +75,7 @@ class _Spread(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, gradient: Tensor) -> Any:
-        return _Gather.apply(gradient, *ctx.saved_tensors), None, None  # type: ignore[no-untyped-call]
+        return _Gather.apply(gradient, *ctx.saved_tensors), None, None
 
 
 class _Gather(torch.autograd.Function):
@@ -89,7 +89,7 @@ class _Gather(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, gradient: Tensor) -> Any:
-        return _Spread.apply(gradient, *ctx.saved_tensors, ctx.shape), None  # type: ignore[no-untyped-call]
+        return _Spread.apply(gradient, *ctx.saved_tensors, ctx.shape), None
 
 
 def _like(tensor: Tensor, shape: torch.Size | tuple[int, ...], dtype: torch.dtype | None = None) -> Tensor:
