@@ -10,7 +10,7 @@ from matplotlib.colors import to_hex
 Look = dict[str, Any]
 
 LINES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)), (0, (1, 2, 4, 2)))
-# Okabe and Ito's palette without its yellow, and two of Tol's: a colour and a marker belong to one agent.
+# Okabe and Ito's palette without its yellow, and five of Tol's: a colour and a marker belong to one agent.
 KNOWN: dict[str, Look] = {
     "vpg": {"color": "#000000", "marker": "X", "linestyle": "-"},
     "vpg-tuned": {"color": "#999933", "marker": "d", "linestyle": "--"},
@@ -21,14 +21,17 @@ KNOWN: dict[str, Look] = {
     "dqn": {"color": "#d55e00", "marker": "s", "linestyle": "--"},
     "double_dqn": {"color": "#e69f00", "marker": "D", "linestyle": LINES[5]},
     "qrdqn": {"color": "#cc79a7", "marker": "^", "linestyle": ":"},
+    "ppo_asymmetric": {"color": "#117733", "marker": "p", "linestyle": "--"},
+    "distilled": {"color": "#332288", "marker": "<", "linestyle": "-"},
+    "belief": {"color": "#661100", "marker": ">", "linestyle": ":"},
     # Agents that do not learn.
     "oracle": {"color": "0.5", "marker": "*", "linestyle": "--"},
     "random": {"color": "0.5", "marker": "x", "linestyle": ":"},
     "stay": {"color": "0.5", "marker": "_", "linestyle": ":"},
 }
 # For names that the table does not have: others of Tol's colours, and markers that no row above has.
-OTHER_COLORS = ("#332288", "#44aa99", "#661100", "#6699cc", "#aa4466")
-OTHER_MARKERS = ("<", ">", "p", "8", "H")
+OTHER_COLORS = ("#44aa99", "#6699cc", "#aa4466")
+OTHER_MARKERS = ("8", "H", "1", "2")
 NOISE_MARKERS = ("o", "s", "D", "^", "v")
 
 
