@@ -47,6 +47,8 @@ class Entry:
 TRUNK = {"features_extractor_class": "usbench.agents.networks:ConvTrunk", "net_arch": []}
 # Separate trunks, as in VPG: errors of values are tens in size and would drown the policy in a shared trunk.
 SEPARATE = {**TRUNK, "share_features_extractor": False}
+# For phantoms never seen: averages over a coarse grid.
+GRID = {"features_extractor_class": "usbench.agents.value_based.grid_trunk:GridTrunk", "net_arch": []}
 # For losses that compare with what the network said while it acted, or with a target network: see `Block`.
 RUNNING = {"features_extractor_kwargs": {"batch_statistics": False}}
 # The names of Stable-Baselines3's policies for observations that are dictionaries.
@@ -226,10 +228,7 @@ UNSEARCHED: dict[str, Entry] = {
         title="double DQN with n-step returns and exact symmetries (van Hasselt et al. 2016)",
         cls="usbench.agents.value_based.double_dqn:DoubleDQN",
         policy="MlpPolicy",
-        policy_kwargs={
-            "features_extractor_class": "usbench.agents.value_based.grid_trunk:GridTrunk",
-            "net_arch": [],
-        },
+        policy_kwargs=GRID,
         n_envs=32,
         compared=False,
         hyperparameters={
@@ -256,10 +255,7 @@ UNSEARCHED: dict[str, Entry] = {
         title="student of the best policy over beliefs: a ceiling, not ranked (Ross et al. 2011)",
         cls="usbench.agents.taught.distilled:Distilled",
         policy="MlpPolicy",
-        policy_kwargs={
-            "features_extractor_class": "usbench.agents.value_based.grid_trunk:GridTrunk",
-            "net_arch": [],
-        },
+        policy_kwargs=GRID,
         n_envs=32,
         compared=False,
         needs="teacher",
@@ -287,11 +283,7 @@ UNSEARCHED: dict[str, Entry] = {
         title="PPO whose critic is told the state while it learns (Pinto et al. 2017)",
         cls="usbench.agents.asymmetric.ppo:AsymmetricPPO",
         policy="MlpPolicy",
-        policy_kwargs={
-            "features_extractor_class": "usbench.agents.value_based.grid_trunk:GridTrunk",
-            "net_arch": [],
-            "share_features_extractor": False,
-        },
+        policy_kwargs=GRID | {"share_features_extractor": False},
         n_envs=16,
         compared=False,
         hyperparameters={
