@@ -71,6 +71,16 @@ def test_what_is_expected_grows_with_the_steps_and_the_evaluations(quick, monkey
         assert expected(trials.config("vpg", steps=steps)) == pytest.approx((wall_s, 2 * wall_s))
 
 
+def test_a_first_update_that_compiles_for_long_does_not_count():
+    pace = rehearsal._Pace(steps=100_000)
+    # The first update takes 60 s, the others one each.
+    for step, second in enumerate((0.0, 60.0, 61.0, 62.0, 63.0)):
+        pace.num_timesteps = 10 * step
+        pace._noted.append((rehearsal.Seconds(second, second), pace.num_timesteps))
+        assert pace._on_step() == (second < 63)
+    assert pace.seconds_per_step == (0.1, 0.1)
+
+
 def test_no_trial_ends_because_its_rehearsal_does(quick, tmp_path, monkeypatch, caplog):
     def broken(*_):
         raise ValueError("no rehearsal\nhere")

@@ -24,7 +24,8 @@ from usbench.trials.callback import rollout_steps
 from usbench.trials.evaluation import Evaluator
 from usbench.trials.learning import make_agent, recorded, seeds_of
 
-# A rehearsal ends with the first update after so many seconds, or after this share of the trial's steps.
+# A rehearsal ends with the first update after so many seconds, the first update's apart, or after this share
+# of the trial's steps.
 LONGEST_S = 3.0
 LARGEST_SHARE = 0.02
 # Trials with fewer updates are not rehearsed.
@@ -130,6 +131,7 @@ class _Pace(BaseCallback):
         self._noted.append((Seconds.now(), self.num_timesteps))
 
     def _on_step(self) -> bool:
-        (start, _), (end, last) = self._noted[0], self._noted[-1]
-        is_enough = end.wall - start.wall >= LONGEST_S or last >= self._enough_steps
-        return not (len(self._noted) > 1 and is_enough)
+        end, last = self._noted[-1]
+        # The first update may compile for many seconds, which later ones do not.
+        is_long = len(self._noted) > 2 and end.wall - self._noted[1][0].wall >= LONGEST_S
+        return not (len(self._noted) > 1 and (is_long or last >= self._enough_steps))
