@@ -118,6 +118,18 @@ class SB3VecEnv(VecEnv):
         return [own for i, own in enumerate(self._options) if own not in self._options[:i]]
 
 
+def infos_after(
+    env: VecEnv, dones: npt.NDArray[np.bool_], infos: Sequence[dict[str, Any]]
+) -> list[dict[str, Any]]:
+    """Return the infos of the observations that a step of `env` gave.
+
+    SB3 gives those of the step: where an episode has ended, its last one. The observation is the first of
+    the next episode there, and so is the info that is returned.
+    """
+    begun = env.unwrapped.reset_infos
+    return [begun[k] if done else info for k, (done, info) in enumerate(zip(dones, infos, strict=True))]
+
+
 def _plain(info: dict[str, Any]) -> dict[str, Any]:
     """Return an info with Python's numbers in place of NumPy's, as a single environment gives them."""
     return {

@@ -16,6 +16,7 @@ from usbench.agents.asymmetric.policy import AsymmetricPolicy
 from usbench.agents.asymmetric.rollout import StateBuffer, buffer_class
 from usbench.agents.asymmetric.truth import states
 from usbench.agents.on_policy import PPO
+from usbench.agents.vec_env import infos_after
 
 
 class AsymmetricPPO(PPO):
@@ -78,8 +79,7 @@ class AsymmetricPPO(PPO):
             step = self._last_obs, chosen[:, None], rewards, self._last_episode_starts, no_values, log_probs
             rollout_buffer.add_step(self._last_states, *step)
             self._last_obs, self._last_episode_starts = observations, dones  # type: ignore[assignment]
-            firsts = env.unwrapped.reset_infos
-            self._last_states = states([firsts[i] if dones[i] else info for i, info in enumerate(infos)])
+            self._last_states = states(infos_after(env, dones, infos))
         rollout_buffer.compute_returns_and_advantage(self._values(self._last_states), dones)
         callback.update_locals(locals())
         callback.on_rollout_end()

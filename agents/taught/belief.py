@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
@@ -13,15 +12,13 @@ from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.dqn.policies import QNetwork
 from torch.nn import functional
 
-from usbench.agents.taught.advice_buffer import AdviceBuffer
-from usbench.agents.value_based.double_dqn import DoubleDQN
+from usbench.agents.taught.taught import Infos, Taught
 from usbench.agents.value_based.grid_trunk import GridTrunk
 from usbench.agents.value_based.symmetric_policy import SymmetricPolicy
 from usbench.agents.value_based.views import IMAGE, SENSES
 
 Floats = npt.NDArray[np.float32]
 Ints = npt.NDArray[np.int64]
-Infos = Sequence[Mapping[str, Any]]
 
 
 class Model(Protocol):
@@ -89,7 +86,7 @@ class RecognisingPolicy(SymmetricPolicy):
         return QNetwork(**arguments).to(self.device)
 
 
-class BeliefAgent(DoubleDQN):
+class BeliefAgent(Taught):
     """Recognises, filters, and acts; learning is for the recogniser alone.
 
     A network tells how the object looks in a frame, that is which set of poses it may be seen from; it learns
@@ -112,7 +109,6 @@ class BeliefAgent(DoubleDQN):
     policy_aliases: ClassVar[dict[str, type[BasePolicy]]] = {"MultiInputPolicy": RecognisingPolicy}
     model: Any
     policy: RecognisingPolicy
-    replay_buffer: AdviceBuffer
 
     def __init__(
         self,
@@ -123,7 +119,7 @@ class BeliefAgent(DoubleDQN):
         policy_kwargs: dict[str, Any] | None = None,
         **kwargs: Any,
     ) -> None:
-        """Takes the arguments of `DoubleDQN`, and those below.
+        """Takes the arguments of `Taught`, and those below.
 
         Args:
             policy: A `RecognisingPolicy`, or "MultiInputPolicy".
@@ -143,14 +139,7 @@ class BeliefAgent(DoubleDQN):
         self._known = Known(np.zeros((0, 0), np.float32), np.zeros((0, 0), np.bool_))
         self._looks: Ints = np.zeros(0, np.int64)
         self._begun = np.zeros(0, np.bool_)
-        super().__init__(
-            policy,
-            env,
-            policy_kwargs=policy_kwargs,
-            replay_buffer_class=AdviceBuffer,
-            replay_buffer_kwargs={"n_values": 1},
-            **kwargs,
-        )
+        super().__init__(policy, env, n_told=1, policy_kwargs=policy_kwargs, **kwargs)
 
     def predict(
         self,
@@ -166,8 +155,7 @@ class BeliefAgent(DoubleDQN):
         places = functional.softmax(torch.as_tensor(known.evidence), dim=1).numpy()
         actions = np.einsum("nt,nta->na", places, self.model.is_best[states]).round(6).argmax(axis=1)
         if not deterministic:
-            for k in np.flatnonzero(np.random.rand(len(actions)) < self.exploration_rate):
-                actions[k] = self.action_space.sample()
+            actions = self._explored(actions)
         return (actions if is_batch else actions[0]), known
 
     @torch.no_grad()
@@ -191,13 +179,16 @@ class BeliefAgent(DoubleDQN):
     def _excluded_save_params(self) -> list[str]:
         return [*super()._excluded_save_params(), "model"]
 
-    def _setup_learn(self, *args: Any, **kwargs: Any) -> Any:
-        before = self._last_obs
-        found = super()._setup_learn(*args, **kwargs)
-        if self._last_obs is not before:  # episodes begin
-            self._looks = self.model.look(self._first_infos)
-            self._begun = np.ones(self.n_envs, np.bool_)
-        return found
+    def _begin(self, infos: Infos) -> None:
+        self._looks = self.model.look(infos)
+        self._begun = np.ones(self.n_envs, np.bool_)
+
+    def _go_on(self, actions: npt.NDArray[Any], dones: npt.NDArray[np.bool_], infos: Infos) -> None:
+        self.policy.counts += torch.bincount(torch.as_tensor(self._looks), minlength=self.policy.n_looks)
+        self._looks, self._begun = self.model.look(infos), np.asarray(dones, np.bool_)
+
+    def _told(self) -> Ints:
+        return self._looks[:, np.newaxis]
 
     def _sample_action(
         self, learning_starts: int, action_noise: Any = None, n_envs: int = 1
@@ -206,33 +197,7 @@ class BeliefAgent(DoubleDQN):
         actions, self._known = self.predict(self._last_obs, known, self._begun)
         return actions, actions
 
-    def _store_transition(
-        self,
-        replay_buffer: Any,
-        buffer_action: npt.NDArray[Any],
-        new_obs: Any,
-        reward: npt.NDArray[Any],
-        dones: npt.NDArray[Any],
-        infos: list[dict[str, Any]],
-    ) -> None:
-        replay_buffer.note(self._looks[:, np.newaxis])
-        self.policy.counts += torch.bincount(torch.as_tensor(self._looks), minlength=self.policy.n_looks)
-        super()._store_transition(replay_buffer, buffer_action, new_obs, reward, dones, infos)
-        several = zip(self._first_infos, dones, infos, strict=True)
-        now = [first if done else info for first, done, info in several]
-        self._looks, self._begun = self.model.look(now), np.asarray(dones, np.bool_)
-
-    @property
-    def _first_infos(self) -> Infos:
-        """Of each environment, what it said when its episode began."""
-        assert self.env is not None
-        return self.env.unwrapped.reset_infos
-
     def _update(self, batch_size: int) -> float:
         observations, told = self.replay_buffer.advice(batch_size)
         loss = functional.cross_entropy(self.q_net(self._shifted(observations)), told[:, 0].long())
-        self.policy.optimizer.zero_grad()
-        loss.backward()  # type: ignore[no-untyped-call]
-        torch.nn.utils.clip_grad_norm_(self.policy.parameters(), self.max_grad_norm)
-        self.policy.optimizer.step()
-        return float(loss.item())
+        return self._descended(loss)

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
-import torch
 from stable_baselines3.common.callbacks import BaseCallback
 from torch.nn import functional
 
-from usbench.agents.taught.advice_buffer import AdviceBuffer
-from usbench.agents.value_based.double_dqn import DoubleDQN
+from usbench.agents.taught.taught import Infos, Taught
 
 Beliefs = npt.NDArray[np.int64]
-Infos = Sequence[Mapping[str, Any]]
 
 
 class Teacher(Protocol):
@@ -31,7 +27,7 @@ class Teacher(Protocol):
         """What each action costs against the best one, `(n, n_actions)`, not below 0."""
 
 
-class Distilled(DoubleDQN):
+class Distilled(Taught):
     """A student of a teacher who knows the simulator, with the network and the symmetries of `DoubleDQN`.
 
     Student and teacher take turns by chance, the teacher ever less often, and every step is remembered with
@@ -51,7 +47,6 @@ class Distilled(DoubleDQN):
 
     takes_teacher = True
     tells_preferences = True
-    replay_buffer: AdviceBuffer
 
     def __init__(
         self,
@@ -62,7 +57,7 @@ class Distilled(DoubleDQN):
         temperature: float = 0.1,
         **kwargs: Any,
     ) -> None:
-        """Takes the arguments of `DoubleDQN`, and those below.
+        """Takes the arguments of `Taught`, and those below.
 
         Args:
             policy: As there.
@@ -74,7 +69,7 @@ class Distilled(DoubleDQN):
         self.teacher, self.temperature = teacher, temperature
         self._beliefs: Beliefs = np.zeros(0, np.int64)
         self._costs: npt.NDArray[np.float32] = np.zeros((0, 0), np.float32)
-        super().__init__(policy, env, replay_buffer_class=AdviceBuffer, replay_buffer_kwargs={}, **kwargs)
+        super().__init__(policy, env, **kwargs)
 
     def _excluded_save_params(self) -> list[str]:
         return [*super()._excluded_save_params(), "teacher"]
@@ -82,11 +77,7 @@ class Distilled(DoubleDQN):
     def _setup_learn(self, *args: Any, **kwargs: Any) -> tuple[int, BaseCallback]:
         if self.teacher is None:
             raise ValueError("a distilled agent learns from a teacher: make it with one.")
-        known = self._last_obs
-        found = super()._setup_learn(*args, **kwargs)
-        if self._last_obs is not known:  # episodes begin
-            self._beliefs = self.teacher.first(self._first_infos)
-        return found
+        return super()._setup_learn(*args, **kwargs)
 
     def _sample_action(
         self, learning_starts: int, action_noise: Any = None, n_envs: int = 1
@@ -102,28 +93,20 @@ class Distilled(DoubleDQN):
             actions = np.where(led, actions, own)
         return actions, actions
 
-    def _store_transition(
-        self,
-        replay_buffer: Any,
-        buffer_action: npt.NDArray[Any],
-        new_obs: Any,
-        reward: npt.NDArray[Any],
-        dones: npt.NDArray[Any],
-        infos: list[dict[str, Any]],
-    ) -> None:
+    def _begin(self, infos: Infos) -> None:
         assert self.teacher is not None
-        replay_buffer.note(self._costs)
-        super()._store_transition(replay_buffer, buffer_action, new_obs, reward, dones, infos)
-        self._beliefs = self.teacher.following(self._beliefs, buffer_action, infos)
-        if dones.any():
-            begun = [info for info, done in zip(self._first_infos, dones, strict=True) if done]
-            self._beliefs[dones] = self.teacher.first(begun)
+        self._beliefs = self.teacher.first(infos)
 
-    @property
-    def _first_infos(self) -> Infos:
-        """Of each environment, what it said when its episode began."""
-        assert self.env is not None
-        return self.env.unwrapped.reset_infos
+    def _go_on(self, actions: npt.NDArray[Any], dones: npt.NDArray[np.bool_], infos: Infos) -> None:
+        assert self.teacher is not None
+        begun, going = np.flatnonzero(dones), np.flatnonzero(~dones)
+        self._beliefs[going] = self.teacher.following(
+            self._beliefs[going], actions[going], [infos[k] for k in going]
+        )
+        self._beliefs[begun] = self.teacher.first([infos[k] for k in begun])
+
+    def _told(self) -> npt.NDArray[np.float32]:
+        return self._costs
 
     def _update(self, batch_size: int) -> float:
         observations, costs = self.replay_buffer.advice(batch_size)
@@ -136,8 +119,4 @@ class Distilled(DoubleDQN):
         outputs = self.q_net(self._shifted(observations))
         advised = functional.softmax(-costs / self.temperature, dim=1)
         loss = functional.kl_div(functional.log_softmax(outputs, dim=1), advised, reduction="batchmean")
-        self.policy.optimizer.zero_grad()
-        loss.backward()  # type: ignore[no-untyped-call]
-        torch.nn.utils.clip_grad_norm_(self.policy.parameters(), self.max_grad_norm)
-        self.policy.optimizer.step()
-        return float(loss.item())
+        return self._descended(loss)

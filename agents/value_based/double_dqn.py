@@ -86,12 +86,14 @@ class DoubleDQN(DQN):
     ) -> tuple[npt.NDArray[Any], Any]:
         """Actions for observations; unless `deterministic`, each is random with the exploration rate."""
         actions, state = self.policy.predict(observation, state, episode_start, deterministic)
-        if not deterministic:
-            chosen = np.reshape(actions, -1)
-            for k in np.flatnonzero(np.random.rand(len(chosen)) < self.exploration_rate):
-                chosen[k] = self.action_space.sample()
-            actions = chosen.reshape(np.shape(actions))
-        return actions, state
+        return (actions if deterministic else self._explored(actions)), state
+
+    def _explored(self, actions: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """The actions of any shape, each replaced by a random one with the exploration rate."""
+        chosen = np.reshape(actions, -1)
+        for k in np.flatnonzero(np.random.rand(len(chosen)) < self.exploration_rate):
+            chosen[k] = self.action_space.sample()
+        return chosen.reshape(np.shape(actions))
 
     def train(self, gradient_steps: int, batch_size: int = 100) -> None:
         """Make `gradient_steps` updates, each with a batch of what is remembered."""
@@ -103,6 +105,7 @@ class DoubleDQN(DQN):
         self.logger.record("train/loss", np.mean(losses))
 
     def _update(self, batch_size: int) -> float:
+        """Makes an update with a batch of what is remembered, and returns the loss before it."""
         assert self.replay_buffer is not None
         batch = self.replay_buffer.sample(batch_size, env=self._vec_normalize_env)
         observations, actions, following = self._viewed(
@@ -114,6 +117,10 @@ class DoubleDQN(DQN):
             assert batch.discounts is not None
             targets = batch.rewards + (1 - batch.dones) * batch.discounts * values
         loss = functional.smooth_l1_loss(self.q_net(observations).gather(1, actions), targets)
+        return self._descended(loss)
+
+    def _descended(self, loss: torch.Tensor) -> float:
+        """Makes a step of the optimizer, its gradient clipped, and returns the loss before it."""
         self.policy.optimizer.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
         torch.nn.utils.clip_grad_norm_(self.policy.parameters(), self.max_grad_norm)
