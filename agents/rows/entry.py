@@ -1,0 +1,43 @@
+"""What a row of the table of algorithms is, and the networks that rows share."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from usbench.agents.hyperparameters import Value
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A row of the table. Texts "module:name" stand for what is imported when a model is made."""
+
+    cls: str
+    policy: str | None = None
+    hyperparameters: Mapping[str, Value] = field(default_factory=dict)
+    policy_kwargs: Mapping[str, Any] = field(default_factory=dict)
+    kwargs: Mapping[str, Any] = field(default_factory=dict)
+    # What `kwargs` hold besides where observations are dictionaries of an image and senses.
+    kwargs_with_senses: Mapping[str, Any] = field(default_factory=dict)
+    tasks: Mapping[str, Mapping[str, Value]] = field(default_factory=dict)
+    presets: Mapping[str, Mapping[str, Value]] = field(default_factory=dict)
+    # How many environments in step it learns in, unless a trial says otherwise.
+    n_envs: int = 1
+    learns: bool = True
+    # What a `Setting` makes for it beside the environment, by the name of the method. An agent with a need is
+    # told the truth while it learns, and is not ranked.
+    needs: str = ""
+    # Whether the agent looks at frames; for an agent that does not look, no frames are simulated.
+    looks: bool = True
+    # Whether it is a row of the paper's grid and of the search; others are made for unseen phantoms.
+    compared: bool = True
+    # What it is, in a line.
+    title: str = ""
+
+
+# Every network is a trunk and one fully connected output.
+TRUNK = {"features_extractor_class": "usbench.agents.networks:ConvTrunk", "net_arch": []}
+# Separate trunks, as in VPG: errors of values are tens in size and would drown the policy in a shared trunk.
+SEPARATE = {**TRUNK, "share_features_extractor": False}
+# For losses that compare with what the network said while it acted, or with a target network: see `Block`.
+RUNNING = {"features_extractor_kwargs": {"batch_statistics": False}}
+REPLAY = {"replay_buffer_class": "usbench.agents.frame_buffer:FrameReplayBuffer"}
