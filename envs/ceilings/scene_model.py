@@ -46,12 +46,7 @@ class SceneModel:
                 f"a classical agent does not know how frames change with the focus, which the task "
                 f"{self.task.name!r} moves."
             )
-        needed = [name for name in sensing.available(self.task) if name != sensing.ACTIONS]
-        if not set(needed) <= set(self.senses):
-            raise ValueError(
-                f"a classical agent of the task {self.task.name!r} needs the senses "
-                f"{', '.join(map(repr, needed))}, not {', '.join(map(repr, self.senses)) or 'none'}."
-            )
+        sensing.check_pose_told(self.senses, self.task, "a classical agent")
 
     @cached_property
     def looks(self) -> Ints:

@@ -3,15 +3,13 @@
 The oracle knows what no picture tells, and who imitates it learns the mean of opposite actions. The teacher
 has ideal eyes and a perfect memory, and nothing else: where two poses look alike it tries a turn and looks.
 
-Where a task moves the focus too, what is known of the object's depth is kept beside a belief: whoever has
-seen the object once knows how deep it lies, and before, every depth is as likely. Rewards are a sum of one
-part of position and angle and one of the focus, so that this is exact.
+Where a task moves the focus too, what is known of the object's depth is kept beside a belief (`depths.py`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -22,13 +20,13 @@ from scipy import sparse
 from usbench.checks import probability
 from usbench.envs.ceilings import hypotheses
 from usbench.envs.ceilings.beliefs import BeliefGraph, belief_graph
+from usbench.envs.ceilings.depths import Depths, Floats, focus_held
 from usbench.envs.ceilings.hypotheses import Hypotheses, Ints
 from usbench.envs.observation import senses as sensing
-from usbench.envs.pose import Move, Pose
+from usbench.envs.pose import Pose
 from usbench.envs.task import Task
 from usbench.envs.tasks.random_phantoms import PhantomDistribution
 
-Floats = npt.NDArray[np.float64]
 Infos = Sequence[Mapping[str, Any]]
 
 
@@ -57,13 +55,9 @@ class Teacher:
     def __post_init__(self) -> None:
         """Check that beliefs can be listed."""
         object.__setattr__(self, "noise", probability("noise", self.noise))
-        needed = [name for name in sensing.available(self.task) if name != sensing.ACTIONS]
         why = "noise" if self.noise else "a focus that moves" if self.task.moves_focus else None
-        if why and not set(needed) <= set(self.senses):
-            raise ValueError(
-                f"with {why}, a teacher of the task {self.task.name!r} needs the senses "
-                f"{', '.join(map(repr, needed))}, not {', '.join(map(repr, self.senses)) or 'none'}."
-            )
+        if why:
+            sensing.check_pose_told(self.senses, self.task, f"with {why}, a teacher")
 
     def first(self, infos: Infos) -> Ints:
         """Return the beliefs (n,) after the first frames of episodes that begin where `infos` say.
@@ -109,7 +103,7 @@ class Teacher:
     def known(self) -> Hypotheses:
         """Poses and objects, with the focus held where objects lie in the middle of their depths."""
         depth = self.phantoms.depth_mm[len(self.phantoms.depth_mm) // 2]
-        return hypotheses.of_distribution(_held(self.task, depth), self.phantoms)
+        return hypotheses.of_distribution(focus_held(self.task, depth), self.phantoms)
 
     @cached_property
     def _observed(self) -> Ints:
@@ -121,8 +115,8 @@ class Teacher:
         return belief_graph(self.known, self._observed, displaces=self.noise > 0)
 
     @cached_property
-    def _depths(self) -> _Depths:
-        return _Depths.of(self.task, self.phantoms)
+    def _depths(self) -> Depths:
+        return Depths.of(self.task, self.phantoms)
 
     @cached_property
     def _sees_object(self) -> npt.NDArray[np.bool_]:
@@ -239,92 +233,3 @@ class Teacher:
 def teacher(task: Task, phantoms: PhantomDistribution, senses: tuple[str, ...], noise: float) -> Teacher:
     """Return a teacher, the last one again where it is the same: all that it computes is kept."""
     return Teacher(task, phantoms, senses, noise)
-
-
-@dataclass(frozen=True, eq=False)
-class _Depths:
-    """What is known of the focus and of the object's depth, a column each.
-
-    The first `n_known` columns are pairs of a focus and a depth, the depths of a focus together; the others
-    are foci with an object that was never seen.
-
-    Attributes:
-        focus_mm: Where the focus may be.
-        depth_mm: Where objects may lie; one where the task keeps the focus and depths do not matter.
-        rewards: The focus's part of the reward, (n_columns,).
-        following: The column after each action, (n_actions, n_columns).
-        displaced: The column after each displacement, (n_displacements, n_columns).
-        starts: How often an episode begins with each focus, (n_foci,).
-    """
-
-    focus_mm: tuple[int, ...]
-    depth_mm: tuple[int, ...]
-    rewards: Floats
-    following: Ints
-    displaced: Ints
-    starts: Floats
-
-    @classmethod
-    def of(cls, task: Task, phantoms: PhantomDistribution) -> _Depths:
-        """Return them for a task."""
-        focus_mm = tuple(sorted({pose.focal_depth_mm for pose in task.states}))
-        depth_mm = phantoms.depth_mm if task.moves_focus else focus_mm
-        one = task.states[0]
-
-        def at(depth: int) -> Pose:
-            return replace(one, focal_depth_mm=depth)
-
-        rewards = np.array([[task.reward(at(f), at(d), "normalized") for d in depth_mm] for f in focus_mm])
-
-        def after(moves: Sequence[Move]) -> Ints:
-            foci = [
-                [focus_mm.index(at(f).moved(move, task.limits).focal_depth_mm) for f in focus_mm]
-                for move in moves
-            ]
-            pairs = np.array(foci)[:, :, np.newaxis] * len(depth_mm) + np.arange(len(depth_mm))
-            unseen = rewards.size + np.array(foci)
-            return np.concatenate([pairs.reshape(len(moves), -1), unseen], axis=1)
-
-        begun = [pose.focal_depth_mm for pose in task.starts]
-        return cls(
-            focus_mm,
-            depth_mm,
-            np.concatenate([rewards.ravel(), rewards.mean(axis=1)]),
-            after([action.move for action in task.actions]),
-            after(task.displacements),
-            np.array([begun.count(f) for f in focus_mm]) / len(begun),
-        )
-
-    @property
-    def n_depths(self) -> int:
-        return len(self.depth_mm)
-
-    @property
-    def n_known(self) -> int:
-        return len(self.focus_mm) * len(self.depth_mm)
-
-    @property
-    def n_columns(self) -> int:
-        return self.n_known + len(self.focus_mm)
-
-    def column(self, focus_mm: int, depth_mm: int | None) -> int:
-        """Return the column of a focus and the object's depth, None where it is not known."""
-        focus = self.focus_mm.index(focus_mm)
-        if depth_mm is None:
-            return self.n_known + focus
-        place = self.depth_mm.index(depth_mm) if self.n_depths > 1 else 0
-        return focus * self.n_depths + place
-
-
-def _held(task: Task, depth_mm: int) -> Task:
-    """Return the task with the focus held at a depth."""
-
-    def at_depth(poses: Sequence[Pose]) -> tuple[Pose, ...]:
-        return tuple(dict.fromkeys(replace(pose, focal_depth_mm=depth_mm) for pose in poses))
-
-    return replace(
-        task,
-        states=at_depth(task.states),
-        starts=at_depth(task.starts),
-        limits=replace(task.limits, focal_depth_mm=(depth_mm, depth_mm)),
-    )

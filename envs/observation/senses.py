@@ -102,6 +102,16 @@ def checked(names: Iterable[str], task: Task) -> Senses:
     return Senses(task, tuple(name for name in NAMES if name in asked))
 
 
+def check_pose_told(names: Sequence[str], task: Task, who: str) -> None:
+    """Raise ValueError unless the senses `names` tell the whole pose of the probe, which `who` needs."""
+    needed = [name for name in available(task) if name != ACTIONS]
+    if not set(needed) <= set(names):
+        raise ValueError(
+            f"{who} of the task {task.name!r} needs the senses {', '.join(map(repr, needed))}, not "
+            f"{', '.join(map(repr, names)) or 'none'}."
+        )
+
+
 def parts(observation: Observation) -> dict[str, npt.NDArray[Any]]:
     """Return an observation as a dictionary, as it is where there are senses."""
     return observation if isinstance(observation, dict) else {IMAGE: observation}

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from usbench.envs.ceilings import beliefs, hypotheses
-from usbench.envs.ceilings.teacher import Teacher, _held
+from usbench.envs.ceilings.depths import focus_held
+from usbench.envs.ceilings.teacher import Teacher
 from usbench.envs.pose import Move, Pose
 from usbench.envs.tasks.examination import EXAMINATION
 from usbench.envs.tasks.random_phantoms import (
@@ -132,7 +133,7 @@ def test_where_both_turns_look_alike_it_tries_one_and_knows_then(teacher):
 def test_rewards_are_the_sum_of_a_part_of_the_probe_and_one_of_the_focus():
     rng = np.random.default_rng(0)
     for task in (EXAMINATION, FOCAL_POINT_RANDOM, PROBE_PLANE_TRACKED):
-        held = _held(task, 50)
+        held = focus_held(task, 50)
         for k in rng.integers(len(task.states), size=50):
             pose, target = task.states[k], Pose(int(rng.integers(-10, 10)), int(rng.integers(35, 65)), 30)
             own = replace(pose, focal_depth_mm=50), replace(target, focal_depth_mm=50)
