@@ -9,7 +9,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
 
 from usbench import make_env, make_vec_env
 from usbench.agents import zoo
-from usbench.agents.vec_env import SB3VecEnv
+from usbench.agents.vec_env import SB3VecEnv, infos_after
 
 
 def vector(task="pp", num_envs=3, **kwargs):
@@ -43,6 +43,17 @@ def test_steps_are_those_of_sb3s_own_vector(task, quick):
     poses = ours.get_attr("pose")
     ours.reset()
     assert ours.get_attr("pose") != poses
+
+
+def test_infos_after_a_step_are_those_of_its_observations(quick):
+    env = VecMonitor(vector("pp-tracked"))
+    env.reset()
+    for _ in range(17):
+        observations, _, dones, infos = env.step(np.ones(3, int))
+        after = infos_after(env, dones, infos)
+        x_mm = np.array([info["x_mm"] for info in after])
+        np.testing.assert_allclose(20 * observations["senses"][:, -3], x_mm, atol=1e-5)
+        assert [info["phantom"] for info in after] == [one.phantom.seed for one in env.get_attr("unwrapped")]
 
 
 def test_attributes_and_pictures(quick):
