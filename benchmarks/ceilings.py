@@ -2,14 +2,19 @@
 
 For each kind of knowledge in the tasks with new phantoms: with memory, the exact best return; with the last
 frames alone, a return that some policy reaches. Eyes are ideal, or those of real frames of training phantoms,
-which are simulated first (some minutes). All without noise.
+which are simulated first. With noise, or where the focus moves, policies that are told the whole pose, with
+ideal eyes. It takes some minutes.
 """
 
 from __future__ import annotations
 
 import argparse
+import csv
+import io
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 from rich.console import Console
@@ -18,13 +23,27 @@ from rich.table import Table
 
 from usbench.atomic import atomic_file
 from usbench.envs.bmode import DEFAULT_IMAGING
-from usbench.envs.ceilings import beliefs, eyes, hypotheses, memoryless
+from usbench.envs.ceilings import beliefs, eyes, hypotheses, memoryless, teacher
 from usbench.envs.frames import frame_store
 from usbench.envs.probe import DEFAULT_ARRAY
-from usbench.envs.tasks.random_phantoms import PROBE_PLANE_RANDOM, ProbePlaneRandomEnv
+from usbench.envs.tasks.random_examination import ExaminationTrackedEnv
+from usbench.envs.tasks.random_phantoms import (
+    PROBE_PLANE_RANDOM,
+    FocalPointRandomEnv,
+    ProbePlaneRandomEnv,
+    ProbePlaneTrackedEnv,
+    RandomPhantomEnv,
+)
 
 DISTRIBUTION = ProbePlaneRandomEnv.distribution
 TRACKED = ("position", "heading")
+NOISES = (0.0, 0.25, 0.5)
+# Tasks whose policies are told the whole pose: names, environment, senses.
+TRACKED_TASKS: tuple[tuple[str, type[RandomPhantomEnv], tuple[str, ...]], ...] = (
+    ("pp-random pp-tracked", ProbePlaneTrackedEnv, TRACKED),
+    ("fp-random", FocalPointRandomEnv, ("position", "focus")),
+    ("exam-random exam-tracked", ExaminationTrackedEnv, ("position", "focus", "heading")),
+)
 
 
 @dataclass(frozen=True)
@@ -35,6 +54,37 @@ class Knowledge:
     senses: tuple[str, ...] = ()
     n_frames: int | None = None
     with_actions: bool = False
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of the table: the largest score for a kind of knowledge, and of which kind the number is."""
+
+    COLUMNS: ClassVar[tuple[str, ...]] = (
+        "tasks", "noise", "knowledge", "senses", "n_frames", "actions", "kind", "ideal_eyes",
+        "eyes_of_real_frames",
+    )  # fmt: skip
+
+    tasks: str
+    noise: float
+    knows: Knowledge
+    kind: str
+    ideal_eyes: float
+    eyes_of_real_frames: float | None = None
+
+    @property
+    def scores(self) -> tuple[str, str]:
+        """Both scores as they are printed."""
+        real = self.eyes_of_real_frames
+        return f"{self.ideal_eyes:.3f}", "" if real is None else f"{real:.3f}"
+
+    def values(self) -> tuple[object, ...]:
+        """Return the values of the columns."""
+        n_frames = self.knows.n_frames
+        return (
+            self.tasks, self.noise, self.knows.words, " ".join(self.knows.senses), n_frames or "all",
+            n_frames is None or self.knows.with_actions, self.kind, *self.scores,
+        )  # fmt: skip
 
 
 KINDS = (
@@ -70,6 +120,37 @@ def real_eyes(ideal: hypotheses.Hypotheses, n_phantoms: int, error: float) -> hy
     return eyes.seen_by_real_eyes(ideal, phantoms, stores, error)
 
 
+def untold_rows(n_phantoms: int, error: float, beginnings: int) -> Iterator[Row]:
+    """Yield the rows of the probe plane without noise, with both kinds of eyes."""
+    ideal = hypotheses.of_distribution(PROBE_PLANE_RANDOM, DISTRIBUTION)
+    observers = [ideal, real_eyes(ideal, n_phantoms, error)] if n_phantoms else [ideal]
+    for kind in track(KINDS, "policies"):
+        scores = tuple(ceiling(kind, known, beginnings) for known in observers)
+        words = "exact" if kind.n_frames is None else "at least"
+        yield Row("pp-random pp-tracked", 0.0, kind, words, *scores)
+
+
+def tracked_rows() -> Iterator[Row]:
+    """Yield the rows of who knows the probe's pose, for the tasks and noises that are left; ideal eyes."""
+    for tasks, env, senses in TRACKED_TASKS:
+        kind = Knowledge(
+            f"all frames and actions, {' and '.join((', '.join(senses[:-1]), senses[-1]))}", senses
+        )
+        for noise in track(NOISES, tasks):
+            if env is ProbePlaneTrackedEnv and not noise:
+                continue
+            found = teacher.Teacher(env.task, env.distribution, senses, noise)
+            yield Row(tasks, noise, kind, "exact", found.best_score)
+
+
+def write(path: Path, rows: Sequence[Row]) -> None:
+    """Write the table as CSV."""
+    with atomic_file(path) as file, io.TextIOWrapper(file, encoding="utf-8", newline="") as text:
+        lines = csv.writer(text, lineterminator="\n")
+        lines.writerow(Row.COLUMNS)
+        lines.writerows(row.values() for row in rows)
+
+
 def main() -> None:
     """Print the table, and write it as a file where one is named."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -81,33 +162,21 @@ def main() -> None:
     parser.add_argument("--csv", type=Path, help="file to write")
     args = parser.parse_args()
 
-    ideal = hypotheses.of_distribution(PROBE_PLANE_RANDOM, DISTRIBUTION)
-    observers = {"ideal eyes": ideal}
-    if args.phantoms:
-        observers["eyes of real frames"] = real_eyes(ideal, args.phantoms, args.error)
+    rows = [*untold_rows(args.phantoms, args.error, args.beginnings), *tracked_rows()]
     table = Table(
-        "the policy knows", *observers, "kind", title="pp-random, pp-tracked: largest scores, noise 0"
+        "tasks",
+        "noise",
+        "the policy knows",
+        "ideal eyes",
+        "eyes of real frames",
+        "kind",
+        title="largest scores",
     )
-    rows = [
-        "knowledge,senses,n_frames,actions,kind," + ",".join(name.replace(" ", "_") for name in observers)
-    ]
-    for kind in track(KINDS, "policies"):
-        scores = [f"{ceiling(kind, known, args.beginnings):.3f}" for known in observers.values()]
-        words = "exact" if kind.n_frames is None else "at least"
-        table.add_row(kind.words, *scores, words)
-        shown = "all" if kind.n_frames is None else str(kind.n_frames)
-        rows.append(
-            ",".join(
-                [
-                    kind.words.replace(",", ""), " ".join(kind.senses), shown,
-                    str(kind.n_frames is None or kind.with_actions), words, *scores,
-                ]
-            )
-        )  # fmt: skip
-    Console(width=110).print(table)
+    for row in rows:
+        table.add_row(row.tasks, f"{row.noise:g}", row.knows.words, *row.scores, row.kind)
+    Console(width=130).print(table)
     if args.csv:
-        with atomic_file(args.csv) as file:
-            file.write(("\n".join(rows) + "\n").encode())
+        write(args.csv, rows)
 
 
 if __name__ == "__main__":

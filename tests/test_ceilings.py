@@ -17,6 +17,14 @@ def test_more_senses_allow_more_and_actions_are_known_anyway():
     assert ceiling("pp-tracked", ("actions", "heading", "position")) == both
 
 
+def test_whoever_is_told_the_whole_pose_knows_nearly_all_that_matters_at_any_noise():
+    whole = {"fp-random": ("position", "focus"), "pp-tracked": None, "exam-tracked": None}
+    for task, senses in whole.items():
+        assert all(0.97 < ceiling(task, senses, noise) <= 1 for noise in (0.0, 0.25, 0.5))
+    assert ceiling("exam-random", ceilings.TASKS["exam-tracked"], 0.25) == ceiling("exam-tracked", noise=0.25)
+    assert ceiling("pp-tracked", noise=0.1) is None
+
+
 @pytest.mark.parametrize("task", ["pp", "exam-random", "setup"])
 def test_other_tasks_have_none(task):
     assert ceiling(task, ()) is None

@@ -9,14 +9,20 @@ from importlib.resources import files
 
 TABLE = "ceilings.csv"
 # Tasks with the poses, starts and phantoms for which the table was made, and what each tells by default.
-TASKS: dict[str, tuple[str, ...]] = {"pp-random": (), "pp-tracked": ("position", "heading")}
+TASKS: dict[str, tuple[str, ...]] = {
+    "fp-random": (),
+    "pp-random": (),
+    "pp-tracked": ("position", "heading"),
+    "exam-random": (),
+    "exam-tracked": ("position", "focus", "heading"),
+}
 ACTIONS = "actions"
 # Algorithms that are told the truth while they learn, and are not ranked, with what is said of them.
 TAUGHT = {"distilled": "ceiling, not ranked", "belief": "classical, not ranked"}
 
 
-def ceiling(task: str, senses: Iterable[str] | None = None) -> float | None:
-    """Return the best score of any policy that is told `senses`, without noise; None where it is not known.
+def ceiling(task: str, senses: Iterable[str] | None = None, noise: float = 0.0) -> float | None:
+    """Return the best score of any policy that is told `senses`; None where it is not known.
 
     Without `senses`, of what the task tells by default.
 
@@ -26,7 +32,7 @@ def ceiling(task: str, senses: Iterable[str] | None = None) -> float | None:
     if task not in TASKS:
         return None
     told = TASKS[task] if senses is None else senses
-    return _table().get(frozenset(told) - {ACTIONS})
+    return _table().get((task, frozenset(told) - {ACTIONS}, float(noise)))
 
 
 def taught(algo: str) -> str:
@@ -35,11 +41,12 @@ def taught(algo: str) -> str:
 
 
 @cache
-def _table() -> dict[frozenset[str], float]:
-    """Return the scores of policies that remember all, by what they are told."""
+def _table() -> dict[tuple[str, frozenset[str], float], float]:
+    """Return the scores of policies that remember all, by task, what they are told, and noise."""
     with (files("usbench") / TABLE).open(encoding="utf-8") as file:
         return {
-            frozenset(row["senses"].split()): float(row["ideal_eyes"])
+            (task, frozenset(row["senses"].split()), float(row["noise"])): float(row["ideal_eyes"])
             for row in csv.DictReader(file)
             if row["n_frames"] == "all"
+            for task in row["tasks"].split()
         }

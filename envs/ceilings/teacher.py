@@ -9,7 +9,7 @@ Where a task moves the focus too, what is known of the object's depth is kept be
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -18,6 +18,7 @@ import numpy.typing as npt
 from scipy import sparse
 
 from usbench.checks import probability
+from usbench.envs import oracle
 from usbench.envs.ceilings import hypotheses
 from usbench.envs.ceilings.beliefs import BeliefGraph, belief_graph
 from usbench.envs.ceilings.depths import Depths, Floats, focus_held
@@ -98,6 +99,20 @@ class Teacher:
             every = [self._q(action, arrived) for action in range(len(self.task.actions))]
             values = np.choose(chosen, every)
         return self._over_starts(values)
+
+    @cached_property
+    def best_score(self) -> float:
+        """The score of `best_return`: 0 for random actions, 1 for the best policy that knows all."""
+        depths = self.phantoms.depth_mm if self.task.moves_focus else (self.known.targets[0].focal_depth_mm,)
+        found = [
+            oracle.returns(self.task, self.noise, target=replace(target, focal_depth_mm=depth))
+            for target in self.known.targets
+            for depth in depths
+        ]
+        random, optimal = (
+            float(np.mean([getattr(one, name) for one in found])) for name in ("random", "optimal")
+        )
+        return (self.best_return - random) / (optimal - random)
 
     @cached_property
     def known(self) -> Hypotheses:

@@ -232,7 +232,7 @@ def _lines(cell: Cell, final: pd.DataFrame) -> dict[str, tuple[float, dict[str, 
     ]
     if len(oracle):
         found["oracle in these episodes"] = (float(oracle["normalized_score"].mean()), ORACLE)
-    known = ceiling(cell.task) if cell.noise == 0 else None
+    known = ceiling(cell.task, noise=cell.noise)
     if known is not None:
         found["ceiling of what an agent is told"] = (known, CEILING)
     return found

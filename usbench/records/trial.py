@@ -147,9 +147,9 @@ class Trial:
 
     @property
     def ceiling(self) -> float | None:
-        """Best score of any policy that is told what its agent is; None with noise, or if not known."""
+        """Best score of any policy that is told what its agent is; None where it is not known."""
         config = self.config
-        return None if config.noise else ceiling(config.task, config.environment.get("senses", ()))
+        return ceiling(config.task, config.environment.get("senses", ()), config.noise)
 
     def episodes(self) -> pd.DataFrame:
         """Return its training episodes, one row each, with their `normalized_score`; empty if there are none.

@@ -99,6 +99,15 @@ def test_value_is_the_ceiling_and_its_own_policy_loses_next_to_nothing_of_it(tea
     assert -1e-9 < lost < 5e-3
 
 
+def test_its_score_has_the_anchors_of_all_objects(teacher):
+    assert teacher.best_score == pytest.approx(teacher.known.score(teacher.best_return))
+    # One place of the object, which whoever is told the pose therefore knows but for its depth, on sight.
+    one = Teacher(SMALL, replace(FEW, angle_deg=(0,)), ("position", "focus", "heading"), 0.5)
+    assert 0.9 < one.best_score <= 1
+    deep = Teacher(SMALL, replace(FEW, angle_deg=(0,), depth_mm=(55,)), ("position", "focus", "heading"), 0.5)
+    assert deep.best_score == pytest.approx(1)
+
+
 def test_episodes_played_by_its_advice_earn_what_it_expects(teacher):
     task = teacher.task
     places, returns = pairs(teacher), np.zeros(len(pairs(teacher)))
