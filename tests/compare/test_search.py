@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import protocols
 import pytest
+import trials
 
 from usbench import records
 from usbench.agents import search_space, zoo
@@ -122,11 +123,23 @@ def test_the_best_of_a_rung_go_on_and_the_best_of_the_last_wins(quick, rules, tm
     assert winner.score == pytest.approx(max(finals.values()))
     assert winner.candidate == max(finals, key=finals.get)
     assert winner.hyperparameters == candidates("a2c", 3)[winner.candidate]
-    trials = records.load(tmp_path / "runs")
-    greedy = trials[trials["deterministic"] & (trials["checkpoint"] == trials["step"])]
+    rows = records.load(tmp_path / "runs")
+    greedy = rows[rows["deterministic"] & (rows["checkpoint"] == rows["step"])]
     for one, line in zip(done, lines(tmp_path)[1:], strict=True):
         own = greedy[(greedy["trial"] == line["trial"]) & (greedy["step"] == one[5])]
         assert own["normalized_score"].mean() == pytest.approx(one[6], abs=1e-6)
+
+
+def test_trials_of_a_search_are_evaluated_at_their_end_alone_and_train_alike(quick, rules, tmp_path):
+    run(rules, tmp_path)
+    searched = records.load_trials(tmp_path / "runs")[0]
+    assert searched.evaluation_points == (searched.config.steps,)
+    plain = records.Trial.read(runner.run_trial(searched.config, tmp_path / "plain").folder)
+    assert len(plain.evaluation_points) > 1
+    assert trials.bits(searched.folder)[-1] == trials.bits(plain.folder)[-1]
+    for greedy in (True, False):
+        one, other = (each.last_evaluation(deterministic=greedy) for each in (searched, plain))
+        assert one.reset_index(drop=True).equals(other.reset_index(drop=True))
 
 
 def test_search_that_was_stopped_ends_as_one_that_was_not(quick, rules, tmp_path):
@@ -145,7 +158,7 @@ def test_search_goes_on_from_its_record_alone(quick, rules, tmp_path, monkeypatc
     with (tmp_path / "other" / "search" / "a2c.jsonl").open("a") as file:
         file.write('{"rung": 0, "cand')  # torn by a crash
     calls, real = [], runner.run_trial
-    monkeypatch.setattr(runner, "run_trial", lambda *args: (calls.append(args), real(*args))[1])
+    monkeypatch.setattr(runner, "run_trial", lambda *args, **kw: (calls.append(args), real(*args, **kw))[1])
     progress = Quiet()
     winner = run(rules, tmp_path / "other", progress)
     assert len(calls) == 10 - 4
@@ -162,7 +175,7 @@ def test_trial_that_ended_in_the_last_moment_before_a_kill_is_not_lost(quick, ru
     path = tmp_path / "search" / "a2c.jsonl"
     path.write_text("".join(path.read_text().splitlines(keepends=True)[:2]))
     calls, real = [], runner.run_trial
-    monkeypatch.setattr(runner, "run_trial", lambda *args: (calls.append(args), real(*args))[1])
+    monkeypatch.setattr(runner, "run_trial", lambda *args, **kw: (calls.append(args), real(*args, **kw))[1])
     run(rules, tmp_path)
     assert len(calls) == 10 - 2
 

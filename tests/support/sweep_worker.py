@@ -40,7 +40,7 @@ def busy(dask_worker):
     return len(dask_worker.active_threads)
 
 
-def dawdle_once(mark, config, out, progress):
+def dawdle_once(mark, config, out, progress, **_):
     """Run a trial; the first trial of vpg waits.
 
     It waits until its process is killed, until the trial is given up, or until `mark`.end exists.

@@ -124,7 +124,7 @@ def _run_rung(
     if not missing:
         return
     recording = _Recording(record, missing, protocol, out, progress, kwargs.get("jobs", 1))
-    outcomes = sweep.run(list(missing.values()), out, recording, **kwargs)
+    outcomes = sweep.run(list(missing.values()), out, recording, evaluates_on_the_way=False, **kwargs)
     reasons = {outcome.config.folder_name: outcome.reason for outcome in outcomes}
     failed = [config for place, config in missing.items() if place not in record.trials]
     if failed:

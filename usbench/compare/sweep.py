@@ -13,6 +13,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Any, NoReturn, Protocol
@@ -68,6 +69,7 @@ def run(
     jobs: int = 1,
     executor: Callable[[], Executor] = processes,
     submitted: int | None = None,
+    evaluates_on_the_way: bool = True,
 ) -> list[Outcome]:
     """Run the trials that are not finished in the folder `out`, in this order, `jobs` at a time.
 
@@ -80,6 +82,7 @@ def run(
         jobs: Trials that run at a time.
         executor: Makes what a trial runs on.
         submitted: Trials that are handed over at a time, where `executor` keeps a queue of its own.
+        evaluates_on_the_way: Whether trials have a learning curve, or only the evaluation at their end.
 
     Returns:
         How each trial ended, those that were finished before, or damaged since, first.
@@ -106,7 +109,8 @@ def run(
     others = set(multiprocessing.active_children())
     slots = [executor() for _ in range(min(submitted or jobs, len(missing)))]
     try:
-        for outcome in _outcomes(missing, out, slots, executor, progress):
+        working = partial(work, evaluates_on_the_way=evaluates_on_the_way)
+        for outcome in _outcomes(missing, working, out, slots, executor, progress):
             progress.ended(outcome)
             outcomes.append(outcome)
     except BaseException:
@@ -126,6 +130,7 @@ def _of_frames(config: TrialConfig) -> Setting:
 
 def _outcomes(
     configs: Sequence[TrialConfig],
+    working: Callable[[TrialConfig, Path], str | None],
     out: Path,
     slots: list[Executor],
     executor: Callable[[], Executor],
@@ -140,11 +145,11 @@ def _outcomes(
         while queue and free:
             config, slot = queue.popleft(), free.popleft()
             try:
-                future = slots[slot].submit(work, config, out)
+                future = slots[slot].submit(working, config, out)
             except BrokenExecutor:  # it died between two trials
                 slots[slot].shutdown()
                 slots[slot] = executor()
-                future = slots[slot].submit(work, config, out)
+                future = slots[slot].submit(working, config, out)
             running[future] = config, slot
             future.add_done_callback(ended.put)
         future = ended.get()

@@ -63,11 +63,13 @@ def run_trial(
     overwrite: bool = False,
     progress: Progress | None = None,
     rehearse: bool = False,
+    evaluates_on_the_way: bool = True,
 ) -> Result:
     """Run one trial and leave its records in `out`; one that was ended goes on from its last resume file.
 
     A finished one is not run again unless `overwrite`; one that another process runs is waited for. Where
-    `rehearse`, a few updates beforehand tell `progress` how long it will take.
+    `rehearse`, a few updates beforehand tell `progress` how long it will take. Where it is not evaluated on
+    the way, it is after its last step alone, and has no learning curve; training has the same bits.
 
     Raises:
         ConfigurationError: If `out` cannot be written.
@@ -86,8 +88,10 @@ def run_trial(
             # Again: another process may have finished it meanwhile.
             finished = None if overwrite else find_finished(config, out)
             if finished is None:
+                points = suite.evaluation_points(config.task, config.steps)
+                points = points if evaluates_on_the_way else points[-1:]
                 files = ResumeFiles(folder, seconds)
-                _run(config, out, files, progress or Silent(), anew=overwrite, rehearse=rehearse)
+                _run(config, out, points, files, progress or Silent(), anew=overwrite, rehearse=rehearse)
     # Trials of earlier versions have recorded no code.
     codes = ("", checksums.of_source(zoo.model_class(config.algo)))
     return Result(folder, finished is not None, finished is not None and finished.code not in codes)
@@ -96,6 +100,7 @@ def run_trial(
 def _run(
     config: TrialConfig,
     out: Path,
+    evaluation_points: tuple[int, ...],
     resume_files: ResumeFiles,
     progress: Progress,
     *,
@@ -105,7 +110,7 @@ def _run(
     # One thread per trial: as fast on frames of this size, and the bits do not depend on the machine.
     torch.set_num_threads(1)
     keep_freed()
-    running = _Run(config, out, resume_files, progress)
+    running = _Run(config, out, evaluation_points, resume_files, progress)
     running.run(anew=anew, rehearse=rehearse)
     # Models and environments hold each other: without this, the memory of a worker grows from trial to trial.
     del running
@@ -115,20 +120,26 @@ def _run(
 class _Run:
     """A trial while it runs: its folder, its models and the record that `trial.json` shows."""
 
-    def __init__(self, config: TrialConfig, out: Path, resume_files: ResumeFiles, progress: Progress) -> None:
+    def __init__(
+        self,
+        config: TrialConfig,
+        out: Path,
+        evaluation_points: tuple[int, ...],
+        resume_files: ResumeFiles,
+        progress: Progress,
+    ) -> None:
         self.config, self.out, self.folder = config, out, out / config.folder_name
         self.resume_files, self.progress = resume_files, progress
         self.setting = Setting.recorded(config)
         self.agent: Any = None
         self.stopwatch = Stopwatch()
-        points = suite.evaluation_points(config.task, config.steps)
         self.episodes = suite.evaluation_episodes(config.task)
         self.trial = Trial(
             folder=self.folder,
             status="running",
             config=config,
             anchors=self.setting.anchors(progress.frames),
-            evaluation_points=points,
+            evaluation_points=evaluation_points,
             n_evaluation_episodes=len(self.episodes),
             versions={"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
             platform=platform.platform(),
