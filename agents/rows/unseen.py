@@ -60,6 +60,19 @@ UNSEEN: dict[str, Entry] = {
             "max_grad_norm": 10.0,
             "max_shift_px": 0,
         },
+        tasks={
+            "exam-tracked": {
+                # A step of the focus costs 0.1: at a temperature of 0.1 it would hardly be advised.
+                "temperature": 0.03,
+                # 32 new frames take as long as several updates.
+                "gradient_steps": 8,
+                "final_learning_rate": 2e-4,
+                # A student that acts alone comes to turn to and fro where its frames do not tell which way is
+                # right, and fills its memory with that; a step of the teacher ends it.
+                "exploration_fraction": 0.3,
+                "exploration_final_eps": 0.25,
+            }
+        },
     ),
     "ppo_asymmetric": Entry(
         title="PPO whose critic is told the state while it learns (Pinto et al. 2017)",
