@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import compress
 from typing import Any, Protocol
 
 import numpy as np
@@ -99,11 +100,11 @@ class Distilled(Taught):
 
     def _go_on(self, actions: npt.NDArray[Any], dones: npt.NDArray[np.bool_], infos: Infos) -> None:
         assert self.teacher is not None
-        begun, going = np.flatnonzero(dones), np.flatnonzero(~dones)
+        going = ~dones
         self._beliefs[going] = self.teacher.following(
-            self._beliefs[going], actions[going], [infos[k] for k in going]
+            self._beliefs[going], actions[going], list(compress(infos, going))
         )
-        self._beliefs[begun] = self.teacher.first([infos[k] for k in begun])
+        self._beliefs[dones] = self.teacher.first(list(compress(infos, dones)))
 
     def _told(self) -> npt.NDArray[np.float32]:
         return self._costs
