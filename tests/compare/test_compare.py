@@ -4,11 +4,14 @@ import shutil
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import pandas as pd
 import protocols
 import pytest
 from state_files import read_state, write_state
+from trials import SMALL
 
 from usbench import cli, records
+from usbench.ceilings import ceiling
 from usbench.compare import plan, protocol, sweep
 from usbench.envs.bmode import Imaging
 from usbench.envs.probe import LinearArray
@@ -176,9 +179,28 @@ def test_trials_in_another_environment_are_left_out_of_a_leaderboard(here, no_fi
     assert folders[0] != folders[1]
     tables.write(tables.collect(Path("runs"), [resolve("stay", "pp")]), Path("leaderboard_files"))
     assert cli.main(["leaderboard", option, "runs"]) == 0
-    said = "left out, as its anatomy, probe, imaging or reward is not that of the task pp:"
+    said = "left out, as its anatomy, probe, imaging, reward or senses are not those of the task pp:"
     assert f"{said} {folders[1].name}\n" in capsys.readouterr().err
     assert list(tables.read(Path("leaderboard_files")).trials["trial"]) == [folders[0].name]
+
+
+def test_agents_that_are_told_other_things_are_in_the_table_of_unseen_phantoms(here, no_figures, capsys):
+    small = {"overrides": SMALL["double_dqn"], "n_envs": 1, "seed": 100}
+    kept, *left_out = (
+        runner.run_trial(resolve("double_dqn", task, **small, **own), Path("runs")).folder.name
+        for task, own in (
+            ("pp-tracked", {"steps": 64, "senses": ("heading", "actions"), "n_frames": 2}),
+            ("pp-random", {"steps": 64, "senses": ("heading",)}),
+            ("pp-tracked", {"steps": 64, "probe": LinearArray(n_lines=48)}),
+        )
+    )
+    assert cli.main(["leaderboard", "--runs", "runs"]) == 0
+    told = capsys.readouterr().err.splitlines()
+    assert sorted(line.rpartition(": ")[2] for line in told) == sorted(left_out)
+    (row,) = [line for line in Path("leaderboard.md").read_text().splitlines() if "| 64 |" in line]
+    assert row.endswith(f"| {ceiling('pp-tracked', ['heading']):.3f} | heading, actions | 2 | 64 |")
+    assert list(pd.read_csv("scores.csv")["table"].unique()) == ["unseen-phantoms"]
+    assert list(tables.read(Path("leaderboard_files")).trials["trial"]) == [kept]
 
 
 def test_trials_of_a_folder_are_added_to_the_tables(finished, no_figures, tmp_path, capsys):

@@ -109,6 +109,16 @@ def test_trial_row_tells_status_settings_versions_and_time(tmp_path):
     assert json.loads(row["settings"])["gamma"] == 0.9
 
 
+def test_what_an_agent_is_told_is_no_part_of_its_environment(tmp_path):
+    plain = {"id": "usbench/ProbePlane-v0"}
+    for seed, told in enumerate(({}, {"senses": ["position", "heading"]})):
+        write_trial(tmp_path, config(seed, environment=plain | told))
+    first, second = tables.collect(tmp_path).trials.sort_values("seed")["settings"]
+    assert tables.senses(first) == () and "senses" not in json.loads(first)
+    assert tables.senses(second) == ("position", "heading")
+    assert json.loads(first)["environment"] == json.loads(second)["environment"]
+
+
 def test_configuration_is_the_same_for_every_seed_and_differs_otherwise(tmp_path):
     for each in (config(0), config(1), config(0, hyperparameters={"gamma": 0.8})):
         write_trial(tmp_path, each)

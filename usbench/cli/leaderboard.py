@@ -12,6 +12,7 @@ from usbench.cli.arguments import add_leaderboard_file, tell_watcher
 if TYPE_CHECKING:
     from usbench.results.tables import Results
 
+LEFT_OUT = "left out, as its anatomy, probe, imaging, reward or senses are not those of the task {}: {}"
 FROM_THE_PACKAGE = "no tables in {}: those of the benchmark's own leaderboard are copied there"
 
 
@@ -60,10 +61,7 @@ def _call(args: argparse.Namespace) -> None:
 
         known, others = runs.gather(args.runs or args.add)
         for name, task in others[["trial", "task"]].itertuples(index=False, name=None):
-            told = (
-                f"left out, as its anatomy, probe, imaging or reward is not that of the task {task}: {name}"
-            )
-            print(told, file=sys.stderr)
+            print(LEFT_OUT.format(task, name), file=sys.stderr)
         if args.add is not None:
             known, checked = _added(tables.read(published.or_own(folder)), known, args.add)
         leaderboard.prepare(args.leaderboard)

@@ -1,6 +1,5 @@
 """From folders of trials to the trained agents that come with the package: which, and what of each trial."""
 
-import json
 import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -12,16 +11,14 @@ from usbench import records, released
 from usbench.agents.zoo import ZOO
 from usbench.atomic import atomic_file
 from usbench.compare import model_card
+from usbench.compare.own_task import is_on_its_task
 from usbench.records import ConfigurationError, Trial, checksums
-from usbench.setting import Setting
 from usbench.suite import PAPER
 from usbench.trials.model_loading import load_agent
 
 # The paper's agent is released on the paper's tasks, whether it is the best there or not.
 OWN = "vpg"
 DECIMALS = 6
-# What any agent may be told: its own last actions.
-ACTIONS = "actions"
 # Copies of other weights, which only training needs: `load_agent` copies them again.
 TARGET_NETWORK = "_net_target."
 
@@ -73,19 +70,11 @@ def chosen(trials: Sequence[Trial]) -> dict[str, Trial]:
 
 
 def _can_be_released(trial: Trial) -> bool:
-    """Return whether it is finished, of this package's algorithms, and on its task as it is.
-
-    An agent may be told less than its task tells, and its own last actions.
-    """
+    """Return whether it is finished, of this package's algorithms, and on its task as it is."""
     config = trial.config
     if trial.status != "finished" or config.noise or config.algo not in ZOO or not config.steps:
         return False
-    task, own = (
-        json.loads(json.dumps(environment))
-        for environment in (Setting(task=config.task).record(), config.environment)
-    )
-    told, its_own = ({*environment.pop("senses", ())} for environment in (task, own))
-    return bool(its_own <= {*told, ACTIONS} and own == task)
+    return is_on_its_task(config)
 
 
 def _score(trial: Trial) -> float:

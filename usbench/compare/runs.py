@@ -5,17 +5,19 @@ from pathlib import Path
 
 import pandas as pd
 
+from usbench import records
+from usbench.compare.own_task import is_on_its_task
 from usbench.figures import comparison
 from usbench.records import ConfigurationError, TrialConfig
-from usbench.results import leaderboard, scores, tables
+from usbench.results import leaderboard, tables
 from usbench.results.tables import Results
-from usbench.setting import Setting
 
 
 def gather(runs: Path) -> tuple[Results, pd.DataFrame]:
     """Return the results of all trials in `runs` that can be compared, and the rows of the others.
 
-    The others have another environment than their task's: a custom anatomy, another probe, imaging or reward.
+    The others have another environment than their task's: a custom anatomy, another probe, imaging or reward,
+    or senses that the task does not have. Agents may be told less, and their own last actions.
 
     Raises:
         ConfigurationError: If there is no trial, or one is on a task that is not installed.
@@ -27,8 +29,8 @@ def gather(runs: Path) -> tuple[Results, pd.DataFrame]:
         raise ConfigurationError(
             f"there is no trial in {str(runs)!r}: usbench run and usbench compare make some."
         )
-    own = {task: tables.digest(Setting(task=task).record()) for task in set(known.trials["task"])}
-    fits = scores.environments(known.trials) == known.trials["task"].map(own)
+    own = {trial.name: is_on_its_task(trial.config) for trial in records.load_trials(runs)}
+    fits = known.trials["trial"].map(own)
     return known.of(known.trials[fits]), known.trials[~fits]
 
 

@@ -14,7 +14,7 @@ from usbench.figures import looks, paper, style
 from usbench.figures.cells import cell_panels
 from usbench.results import ranking, scores, stats
 from usbench.results.agents import named
-from usbench.results.protocol import further
+from usbench.results.protocol import further, unseen
 from usbench.results.scores import SCORED, Cell
 from usbench.results.tables import Results
 
@@ -26,6 +26,8 @@ N_THRESHOLDS = 141
 REFERENCES = ("oracle", "random", "stay")
 # Without caps, which would lengthen an interval.
 BAR: dict[str, Any] = {"linewidth": 4, "solid_capstyle": "butt"}
+# For which a panel of scores has room, so that a single marker fits in.
+LEAST_ROWS = 3
 # Of score axes, beyond the optimum's 1 so that its marks are whole.
 HIGHEST = 1.06
 # Of the axis; where the marks of what lies below 0 stand.
@@ -56,6 +58,8 @@ def draw(known: Results) -> dict[str, Figure | None]:
     for part, own in scores.parts(known).items():
         prefix = {scores.OTHERS: "other_", **{name: f"{name}_" for name in further.names()}}.get(part, "")
         drawn[f"{prefix}scores"] = final_scores(own)
+        if part == unseen.NAME:
+            continue
         curves = scores.learning_curves(own)
         drawn[f"{prefix}learning_curves"] = learning_curves(own, curves)
         drawn[f"{prefix}learning_curves_cpu"] = learning_curves(own, curves, over="minutes")
@@ -76,7 +80,10 @@ def final_scores(known: Results) -> Figure | None:
     here = {cell: [name for name in worst_first if name in set(own["agent"])] for cell, own in _by_cell(rows)}
     same = len({tuple(names) for names in here.values()}) == 1
     figure, panels = cell_panels(
-        {cell: 0.4 + 0.19 * len(names) for cell, names in here.items()}, SCORE, sharex=True, sharey=same
+        {cell: 0.4 + 0.19 * max(len(names), LEAST_ROWS) for cell, names in here.items()},
+        SCORE,
+        sharex=True,
+        sharey=same,
     )
     for cell, axis in panels.items():
         own = rows[(rows["task"] == cell.task) & (rows["noise"] == cell.noise)]

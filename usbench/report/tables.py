@@ -92,7 +92,9 @@ def environments(runs: Path, known: Results) -> list[Table]:
     """Return phantom, probe and imaging, a table for each configuration of the environment."""
     tables = []
     for (task, _), own in known.trials.groupby(["task", scores.environments(known.trials)]):
-        values = Trial.read(runs / own["trial"].iloc[0]).config.environment
+        values = dict(Trial.read(runs / own["trial"].iloc[0]).config.environment)
+        # What agents are told stands with their settings, since agents of one environment differ in it.
+        values.pop("senses", None)
         title = (
             f"{suite.TASKS[str(task)].guidance.title}: environment (SI units unless a name ends with another)"
         )

@@ -54,7 +54,7 @@ def add(known: Results, added: Results) -> Addition:
     _check_seeds(_others(added, known.trials).trials)
     same, other = repeated(known, added)
     results = joined(known, _others(added, known.trials[known.trials["trial"].isin(same)]))
-    own = pd.concat([agents.named(trials) for trials in further.tables_of(results.trials).values()])
+    own = _named(results.trials)
     own = own[own["trial"].isin(added.trials["trial"]) & (own["agent"] != own["algo"])]
     return Addition(results, same, other, dict(zip(own["trial"], own["agent"], strict=True)))
 
@@ -91,6 +91,11 @@ def _others(known: Results, trials: pd.DataFrame) -> Results:
     return known.of(known.trials[~own.isin(left_out)])
 
 
+def _named(trials: pd.DataFrame) -> pd.DataFrame:
+    """Return the trials with the row of each table to which they belong."""
+    return pd.concat([agents.named(own) for own in further.tables_of(trials).values()])
+
+
 def _check_seeds(new: pd.DataFrame) -> None:
     """Raise ConfigurationError unless every trial that learned has a seed that is kept for comparisons."""
     for trial, seed in new.loc[new["steps"] > 0, ["trial", "seed"]].itertuples(index=False, name=None):
@@ -116,8 +121,8 @@ def mark_unverified(folder: Path, checked: Collection[str], wrong: Collection[st
 
 def marked(text: str, known: Results, names: Collection[str]) -> str:
     """Return a leaderboard in which every row with one of the trials `names` says that it is not verified."""
-    own = agents.named(known.trials)
-    own = own[own["trial"].isin(list(names))]
+    own = _named(known.trials)
+    own = own[own["trial"].isin(list(names))].drop_duplicates("trial")
     for agent in sorted(set(own["agent"])):
         shown = code(agent)
         text = re.sub(rf"^\| {re.escape(shown)} \|", f"| {shown} ({MARK}) |", text, flags=re.MULTILINE)

@@ -1,6 +1,6 @@
 """Results in, `leaderboard.md` and `scores.csv` out: same results, same bytes."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import pandas as pd
@@ -20,7 +20,7 @@ from usbench.results import (
     together,
     verdict,
 )
-from usbench.results.protocol import further, tuning
+from usbench.results.protocol import further, tuning, unseen
 from usbench.results.scores import CELL, ROW, SCORED, Cell
 from usbench.results.tables import SAMPLED, Results
 from usbench.results.text import DASH
@@ -34,6 +34,10 @@ FIGURES = (
     ("scores", "Score of every agent in every cell of the paper's tasks, with its interval"),
     ("learning_curves", "Score over training steps on the paper's tasks, with its interval"),
     ("other_scores", "Score of every agent in the other tasks, with its interval"),
+    (
+        f"{unseen.NAME}_scores",
+        "Score of every agent that learned on new phantoms with a budget for that, with its interval",
+    ),
 )
 MEASURES = f"""\
 Tables of single cells have the score with greedy and with sampled actions, the return and the success;
@@ -164,10 +168,11 @@ def _studies(studied: pd.DataFrame) -> str:
 def _cells(own: Results, rows: pd.DataFrame, where: str) -> list[str]:
     """Return the sections of a table's cells."""
     trials_of = dict(iter(own.trials.groupby(CELL)))
+    settings = dict(own.trials[["configuration", "settings"]].itertuples(index=False, name=None))
     return [
         part
         for cell, own_rows in rows.groupby(CELL)
-        for part in (f"## {Cell(*cell).name}{where}", _anchors(trials_of[cell]), _cell(own_rows))
+        for part in (f"## {Cell(*cell).name}{where}", _anchors(trials_of[cell]), _cell(own_rows, settings))
     ]
 
 
@@ -187,8 +192,12 @@ def _anchors(trials: pd.DataFrame) -> str:
     )
 
 
-def _cell(rows: pd.DataFrame) -> str:
-    """Return the table of one task and noise: those that are ranked first, then the others, best first."""
+def _cell(rows: pd.DataFrame, settings: Mapping[str, str]) -> str:
+    """Return the table of one task and noise: those that are ranked first, then the others, best first.
+
+    `settings` are those of each configuration.
+    """
+    differing = (rows["table"] == unseen.NAME).any()
     sampled = rows[rows["actions"] == SAMPLED].set_index(ROW)
     table = rows[rows["actions"] == SCORED]
     notes = [scores.note(*one) for one in zip(table["algo"], table["steps"], strict=True)]
@@ -207,9 +216,10 @@ def _cell(rows: pd.DataFrame) -> str:
                     DASH if name in row_of(row["task"]).silent else text.number(scale * row[name], digits)
                     for _, name, scale, digits in COLUMNS
                 ),
+                *(unseen.columns(row, settings) if differing else ()),
             ]
         )
-    numbers = [title for title, *_ in COLUMNS]
+    numbers = [*(title for title, *_ in COLUMNS), *(unseen.COLUMNS if differing else ())]
     shown = text.table(["agent", "seeds", "score, greedy", "score, sampled", *numbers], lines)
     return text.folded(f"Scores ({len(lines)} {'row' if len(lines) == 1 else 'rows'})", shown)
 

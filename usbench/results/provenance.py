@@ -7,7 +7,7 @@ import pandas as pd
 
 from usbench import seed_pools
 from usbench.results.agents import named
-from usbench.results.protocol import further
+from usbench.results.protocol import further, unseen
 from usbench.results.scores import CELL, Cell, cells_of, environments
 from usbench.results.text import code
 from usbench.tasks import row_of
@@ -26,11 +26,7 @@ def making(trials: pd.DataFrame) -> str:
     """Return the command, how many trials are finished, the hours and the versions, as Markdown."""
     finished = trials[trials["status"] == "finished"]
     hours, training = (finished[key].sum() / 3600 for key in ("total_s", "training_s"))
-    lines = [
-        line
-        for name, own in further.tables_of(trials).items()
-        for line in (commands(own) if name == further.GRID else [f"usbench compare --table {name}"])
-    ]
+    lines = [line for name, own in further.tables_of(trials).items() for line in _commands_of(name, own)]
     if len(lines) > 1:
         lines.append("usbench leaderboard --runs runs")
     parts = ["\n".join(["```", *lines, "```"])] if lines else []
@@ -41,6 +37,13 @@ def making(trials: pd.DataFrame) -> str:
     if not finished.empty:
         parts.append(f"Versions: {finished['versions'].mode().iloc[0] or 'not recorded'}.")
     return "\n\n".join(parts)
+
+
+def _commands_of(name: str, own: pd.DataFrame) -> list[str]:
+    """Return the commands that make the trials of a table."""
+    if name == further.GRID:
+        return commands(own)
+    return unseen.commands(named(own)) if name == unseen.NAME else [f"usbench compare --table {name}"]
 
 
 def commands(trials: pd.DataFrame) -> list[str]:

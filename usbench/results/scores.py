@@ -89,7 +89,7 @@ def value_based(trials: pd.DataFrame) -> pd.Series:
 def cells(results: Results) -> pd.DataFrame:
     """Return a row per table, task, noise, algorithm, configuration and kind of actions, without index.
 
-    `table` is the grid or a further table of the protocol. Beside names: `seeds` that are finished of
+    `table` is the grid or a further table. Beside names: `seeds` that are finished of
     `seeds_asked`; `score` (interquartile mean of the normalised score over seeds) with `score_low` and
     `score_high`, its 95 % interval (NaN for a single seed); the means over seeds of the columns
     `tables.MEANS`; `area_under_curve` of the score and `training_minutes`. A row without a finished trial

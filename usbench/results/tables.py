@@ -201,15 +201,30 @@ def _row(config: TrialConfig, trial: Trial | None) -> dict[str, Any]:
 def _settings(config: Mapping[str, Any], *, explores: bool) -> str:
     """Return what a configuration sets beside its cell, as flat JSON; the environment as a digest.
 
-    That the agent explores stands there only where no hyperparameter tells: settings that are known keep
-    their text.
+    What the agent is told is no part of that digest: agents that are told more meet the same environment.
+    Senses stand there only where there are some, and that the agent explores only where no hyperparameter
+    tells: settings that are known keep their text.
     """
     cell = ("task", "noise", "algo", "seed", "steps", "hyperparameters", "environment")
     flat = {key: value for key, value in config.items() if key not in cell}
-    flat |= config.get("hyperparameters", {}) | {"environment": digest(config.get("environment", {}))}
+    environment = dict(config.get("environment", {}))
+    told = environment.pop("senses", ())
+    flat |= config.get("hyperparameters", {}) | {"environment": digest(environment)}
+    if told:
+        flat["senses"] = " ".join(told)
     if explores and EXPLORATION not in flat:
         flat["explores"] = True
     return json.dumps(flat, sort_keys=True, default=str)
+
+
+def n_frames(settings: str) -> int:
+    """Return how many frames one observation has, from the settings of a trial."""
+    return int(json.loads(settings).get("n_frames", TrialConfig.n_frames))
+
+
+def senses(settings: str) -> tuple[str, ...]:
+    """Return what the agent is told beside the frames, from the settings of a trial."""
+    return tuple(json.loads(settings).get("senses", "").split())
 
 
 def digest(value: Mapping[str, Any]) -> str:

@@ -24,9 +24,9 @@ def sections(own: Results, name: str, pairs: pd.DataFrame) -> list[str]:
     learners = scores.finals_of_learners(own)
     where = "" if name == scores.ALL else f": {name}"
     found = []
-    if matrices and name in further.names():
-        about = f"As the grid, with {further.describe(name)}; never averaged with it."
-        found += [f"## Further table: {name}", about, overall(own.trials, matrices)]
+    if name in further.names():
+        found += [f"## Further table: {name}", further.describe(name)]
+        found += [overall(own.trials, matrices)] if learners else []
     elif matrices:
         found += [f"## {capital(name)} together", overall(own.trials, matrices)]
     if len(learners) > 1:

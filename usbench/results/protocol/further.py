@@ -1,9 +1,8 @@
-"""The further tables of the protocol, apart from its grid: other frames, another network, a longer training.
+"""The tables apart from the grid: other frames, another network, a longer training, unseen phantoms.
 
 What a trial is of follows from its settings alone, so that trials of all tables may lie in one folder.
 """
 
-import json
 import tomllib
 from collections.abc import Mapping
 from functools import cache
@@ -13,7 +12,8 @@ import pandas as pd
 
 from usbench import seed_pools
 from usbench.records import TrialConfig
-from usbench.results.tables import Results
+from usbench.results.protocol import unseen
+from usbench.results.tables import Results, n_frames
 from usbench.tasks import row_of
 
 GRID = "grid"
@@ -45,20 +45,22 @@ def tables_of(trials: pd.DataFrame) -> dict[str, pd.DataFrame]:
     """Return the trials of each table that has any, by its name: the grid first, then the further tables.
 
     Whatever is of no further table is of the grid. A reference policy has neither network nor budget, so that
-    it is in every table with its frames and its cell.
+    it is in every table with its frames and its cell. On tasks whose trials are all of `unseen`, it is there
+    alone.
     """
     learned = trials["steps"] > 0
     of = pd.Series([_table_of(row) for row in trials.to_dict("records")], index=trials.index, dtype=object)
-    names = set(of[learned])
+    names = set(of[learned]) | ({unseen.NAME} & set(of))
     if len(names) < 2:
         return {next(iter(names), GRID): trials}
     cells = pd.Series(list(zip(trials["task"], trials["noise"], strict=True)), index=trials.index)
-    n_frames = trials["settings"].map(_n_frames)
+    frames = trials["settings"].map(n_frames)
     found = {GRID: trials[of == GRID]} if GRID in names else {}
-    for name in [name for name in _further() if name in names]:
-        own = learned & (of == name)
-        beside = ~learned & (n_frames == _further()[name].n_frames) & cells.isin(set(cells[own]))
-        found[name] = trials[own | beside]
+    for name, wanted in _frames_of_references().items():
+        if name in names:
+            own = of == name
+            beside = ~learned & (frames == wanted) & cells.isin(set(cells[own]))
+            found[name] = trials[own | beside]
     return found
 
 
@@ -69,11 +71,13 @@ def first(known: Results) -> Results:
 
 def names() -> tuple[str, ...]:
     """Return the names of the further tables that differ from the grid by more than their tasks."""
-    return tuple(_further())
+    return tuple(_frames_of_references())
 
 
 def describe(name: str) -> str:
-    """Return in words how a further table differs from the grid."""
+    """Return in sentences how a further table differs from the grid."""
+    if name == unseen.NAME:
+        return unseen.ABOUT
     table, default = _further()[name], _default()
     parts = []
     if table.n_frames != default.n_frames:
@@ -83,24 +87,27 @@ def describe(name: str) -> str:
         parts.append(f"the {table.network} network in place of the paper's")
     if table.budgets != 1:
         parts.append(f"{table.budgets} times the training steps")
-    return " and ".join(parts)
+    return f"As the grid, with {' and '.join(parts)}; never averaged with it."
 
 
 def _table_of(trial: Mapping[str, Any]) -> str:
     """Return the name of the table that a trial is of."""
-    n_frames, network = _n_frames(trial["settings"]), trial["algo"].partition(NETWORK)[2]
+    if unseen.has(trial["task"], trial["steps"]):
+        return unseen.NAME
+    frames, network = n_frames(trial["settings"]), trial["algo"].partition(NETWORK)[2]
     if trial["steps"] == 0:
-        elsewhere = n_frames in {table.n_frames for table in _further().values()} - {_default().n_frames}
+        elsewhere = frames in {table.n_frames for table in _further().values()} - {_default().n_frames}
         return "" if elsewhere else GRID
-    what = (n_frames, network, trial["steps"] / row_of(trial["task"]).steps)
+    what = (frames, network, trial["steps"] / row_of(trial["task"]).steps)
     for name, table in _further().items():
         if table[:3] == what and trial["task"] in table.tasks and trial["noise"] in table.noises:
             return name
     return GRID
 
 
-def _n_frames(settings: str) -> int:
-    return int(json.loads(settings).get("n_frames", _default().n_frames))
+def _frames_of_references() -> dict[str, int]:
+    """Return the frames with which reference policies are in each further table; they look at none."""
+    return {name: table.n_frames for name, table in _further().items()} | {unseen.NAME: _default().n_frames}
 
 
 def _default() -> _Table:

@@ -1,0 +1,82 @@
+"""The table of agents that learn on new phantoms in every episode, with the budget that this takes.
+
+It is not of the protocol, which was written before there were such tasks with a budget of their own: those
+have 100 000 steps (docs/tasks.md), where the grid gives `fp-random` and `pp-random` 16 064.
+"""
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import pandas as pd
+
+from usbench.ceilings import TASKS, ceiling
+from usbench.records import TrialConfig
+from usbench.results import tables, text
+from usbench.tasks import row_of
+
+NAME = "unseen-phantoms"
+STEPS = 100_000
+ABOUT = (
+    "Agents that learn on new phantoms in every episode and are tested on phantoms never seen, with the "
+    "100 000 training steps that such tasks ask for, or another number beyond the grid's budget. Agents "
+    "may see any number of frames, and may be told what their task tells and their own last actions: the "
+    "tables of the cells say what each is told, and the ceiling, the score of the best policy that is told "
+    "the same and remembers everything. Never averaged with the grid; not of the protocol."
+)
+COLUMNS = ("ceiling", "told", "frames", "steps")
+NOTHING = "nothing"
+
+
+def has(task: str, steps: int) -> bool:
+    """Return whether a trial is of this table.
+
+    All are on tasks whose budget is the table's, and those on other tasks with new phantoms that had more
+    steps than their task's budget.
+    """
+    row = row_of(task)
+    return row.phantoms > 0 and (row.steps >= STEPS or steps > row.steps)
+
+
+def columns(row: Mapping[str, Any], settings: Mapping[str, str]) -> list[str]:
+    """Return `COLUMNS` of a row of scores in words, by the settings of each configuration.
+
+    An agent that does not learn is not told anything through its observations, so that it has dashes.
+    """
+    if row["steps"] == 0:
+        return [text.DASH] * len(COLUMNS)
+    own = settings[row["configuration"]]
+    senses = tables.senses(own)
+    known = ceiling(row["task"], senses, row["noise"])
+    return [
+        text.DASH if known is None else text.number(known, 3),
+        ", ".join(senses) or NOTHING,
+        str(tables.n_frames(own)),
+        str(row["steps"]),
+    ]
+
+
+def commands(trials: pd.DataFrame) -> list[str]:
+    """Return the commands that make the trials of the rows that have their algorithm's name.
+
+    Args:
+        trials: The trials of this table, with the column `agent`.
+    """
+    own = trials[(trials["steps"] > 0) & (trials["agent"] == trials["algo"])]
+    cells = ["task", "noise", "algo", "steps", "settings"]
+    return [_command(*cell, seeds=rows["seed"]) for cell, rows in own.groupby(cells)]  # type: ignore[misc]
+
+
+def _command(task: str, noise: float, algo: str, steps: int, settings: str, *, seeds: Iterable[int]) -> str:
+    options = f" --noise {noise:g}" if noise else ""
+    told, frames = tables.senses(settings), tables.n_frames(settings)
+    if frames != TrialConfig.n_frames:
+        options += f" --n-frames {frames}"
+    if told != TASKS.get(task, ()):
+        options += f" --senses {' '.join(told)}".rstrip()
+    command = f"usbench run --algo {algo} --task {task} --steps {steps}{options} --seed"
+    first, *others = map(str, sorted(seeds))
+    return (
+        f"for seed in {' '.join([first, *others])}; do {command} $seed; done"
+        if others
+        else f"{command} {first}"
+    )
