@@ -63,7 +63,7 @@ def commands(trials: pd.DataFrame) -> list[str]:
     """
     own = trials[(trials["steps"] > 0) & (trials["agent"] == trials["algo"])]
     cells = ["task", "noise", "algo", "steps", "settings"]
-    return [_command(*cell, seeds=rows["seed"]) for cell, rows in own.groupby(cells)]  # type: ignore[misc]
+    return [_command(*cell, seeds=rows["seed"]) for cell, rows in own.groupby(cells)]
 
 
 def _command(task: str, noise: float, algo: str, steps: int, settings: str, *, seeds: Iterable[int]) -> str:
