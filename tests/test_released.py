@@ -12,20 +12,34 @@ from usbench import cli, records, released
 from usbench.checks import ConfigurationError
 from usbench.guide import agents as guide_agents
 from usbench.setting import Setting
-from usbench.tasks import PAPER
+from usbench.tasks import PAPER, TASKS
 from usbench.trials.evaluation import Evaluator
 
 LARGEST_BYTES = 8_000_000
 NAMES = released.names()
+# Only tasks whose focus stays make their frames within seconds.
+QUICK = [name for name in NAMES if ":pp" in name]
 
 
-def test_there_are_agents_for_the_papers_tasks():
-    assert {f"{kind}:{task}" for kind in ("best", "vpg") for task in PAPER} <= set(NAMES)
+def test_there_are_agents_for_the_papers_tasks_and_the_best_of_all_others():
+    # The first version of `setup` is there for comparisons with older results.
+    assert {f"best:{task}" for task in TASKS if task != "setup-v0"} <= set(NAMES)
+    assert {f"vpg:{task}" for task in PAPER} <= set(NAMES)
 
 
-@pytest.mark.parametrize("name", [name for name in NAMES if not name.endswith(":fp")])
+@pytest.mark.parametrize("name", QUICK)
 def test_an_agent_plays_as_its_records_and_its_card_say(name):
     plays_as_told(name)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_an_agent_acts_on_what_its_task_shows(name):
+    loaded = usbench.load_agent(name)
+    env = Setting.recorded(loaded.config).make_env()
+    seen = env.observation_space.sample()
+    first, second = (loaded.agent.predict(seen, deterministic=True)[0] for _ in range(2))
+    assert env.action_space.contains(int(first)) and first == second
+    env.close()
 
 
 @pytest.mark.parametrize("name", ["best:fp", "vpg:fp"])
@@ -37,7 +51,7 @@ def test_an_agent_plays_so_in_the_frames_that_it_was_trained_on(name, monkeypatc
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["best:fp", "vpg:fp"])
+@pytest.mark.parametrize("name", [name for name in NAMES if name not in QUICK])
 def test_an_agent_plays_so_in_frames_simulated_here(name):
     plays_as_told(name)
 
@@ -77,6 +91,17 @@ def test_a_name_without_an_agent_is_refused_with_the_names_that_there_are(capsys
     assert "there are best:fp, " in error and error.count("\n") == 1
     with pytest.raises(ConfigurationError, match="there are best:fp, "):
         guide_agents.known("best:nothing")
+
+
+def test_the_guide_refuses_an_agent_of_a_task_that_it_does_not_show():
+    with pytest.raises(ConfigurationError, match=r"best-setup' is of the task 'setup': the guide shows"):
+        guide_agents.known("best:setup")
+
+
+def test_a_card_names_the_guide_where_it_shows_the_task():
+    for name in NAMES:
+        card = (released.folder_of(name) / released.CARD).read_text()
+        assert (f"`usbench guide {name}`" in card) == (name.split(":")[1] in guide_agents.GUIDED)
 
 
 def test_a_folder_of_that_name_comes_first(tmp_path, monkeypatch):

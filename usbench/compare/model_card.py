@@ -13,6 +13,7 @@ from scipy import stats
 
 from usbench import records, seed_pools
 from usbench.agents.zoo import entry
+from usbench.coordinates import POSE
 from usbench.records import Trial, TrialConfig
 from usbench.results import held_out, published
 from usbench.setting import Setting
@@ -48,18 +49,18 @@ def text(trial: Trial, name: str, scores: Sequence[tuple[str, int, float]], weig
 
 def _what(trial: Trial, setting: Setting, name: str) -> str:
     config = trial.config
+    seen = "a B-mode frame" if config.n_frames == 1 else f"the last {config.n_frames} B-mode frames"
     rows = {
         "task": f"`{config.task}` (`{setting.row.env_id}`): {setting.guidance.title}",
         "algorithm": f"`{config.algo}`: {entry(config.algo).title}",
-        "sees": f"the last {config.n_frames} B-mode frames, {setting.imaging.height_px} x "
-        f"{setting.imaging.width_px} pixels",
+        "sees": f"{seen}, {setting.imaging.height_px} x {setting.imaging.width_px} pixels",
         "is told": ", ".join(setting.senses or ()) or "nothing beside the frames",
         "chooses among": ", ".join(action.name for action in setting.guidance.actions),
     }
-    used = (
-        f"`usbench watch {name}` shows it, `usbench guide {name}` lets it advise a person, and "
-        f'`usbench.load_agent("{name}")` returns it.'
-    )
+    # The guide has keys for the probe's pose alone.
+    advises = setting.guidance.coordinates == POSE
+    guide = f", `usbench guide {name}` lets it advise a person," if advises else ""
+    used = f'`usbench watch {name}` shows it{guide} and `usbench.load_agent("{name}")` returns it.'
     return f"{_table(('', ''), rows.items())}\n\n{used}"
 
 

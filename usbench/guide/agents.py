@@ -92,7 +92,11 @@ def known(folder: Path) -> Known:
         raise ConfigurationError(f"{str(folder)!r} is not the folder of a trial: no {records.TRIAL} in it.")
     trial = _known(folder.resolve())
     if trial is None:
-        load_agent(folder)  # raises the error that says why
+        task = load_agent(folder).config.task  # raises the error that says why
+        if task not in GUIDED:
+            raise ConfigurationError(
+                f"{str(folder)!r} is of the task {task!r}: the guide shows tasks that move the probe alone."
+            )
         raise ConfigurationError(f"{str(folder)!r} is not the trial of an agent that learns.")
     return trial
 
