@@ -12,7 +12,7 @@ from usbench import cli, records, released
 from usbench.checks import ConfigurationError
 from usbench.guide import agents as guide_agents
 from usbench.setting import Setting
-from usbench.tasks import PAPER, TASKS
+from usbench.suite import PAPER, TASKS
 from usbench.trials.evaluation import Evaluator
 
 LARGEST_BYTES = 8_000_000
@@ -84,12 +84,12 @@ def test_all_agents_together_are_small():
 
 
 def test_a_name_without_an_agent_is_refused_with_the_names_that_there_are(capsys):
-    with pytest.raises(ConfigurationError, match=r"no trained agent 'best:nothing' .*: there are best:fp, "):
+    with pytest.raises(ConfigurationError, match=r"no trained agent 'best:nothing' .*: there are best:exam, "):
         usbench.load_agent("best:nothing")
     assert cli.main(["watch", "best:nothing"]) == 2
     error = capsys.readouterr().err
-    assert "there are best:fp, " in error and error.count("\n") == 1
-    with pytest.raises(ConfigurationError, match="there are best:fp, "):
+    assert "there are best:exam, " in error and error.count("\n") == 1
+    with pytest.raises(ConfigurationError, match="there are best:exam, "):
         guide_agents.known("best:nothing")
 
 
