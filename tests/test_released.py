@@ -84,7 +84,9 @@ def test_all_agents_together_are_small():
 
 
 def test_a_name_without_an_agent_is_refused_with_the_names_that_there_are(capsys):
-    with pytest.raises(ConfigurationError, match=r"no trained agent 'best:nothing' .*: there are best:exam, "):
+    with pytest.raises(
+        ConfigurationError, match=r"no trained agent 'best:nothing' .*: there are best:exam, "
+    ):
         usbench.load_agent("best:nothing")
     assert cli.main(["watch", "best:nothing"]) == 2
     error = capsys.readouterr().err
