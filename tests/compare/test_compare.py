@@ -272,11 +272,11 @@ def test_failed_trial_is_listed_and_the_status_is_1(here, no_figures, capsys, mo
 def test_interrupted_comparison_goes_on_where_it_was(here, no_figures, capsys, monkeypatch):
     real, n_calls = sweep.work, []
 
-    def interrupted(config, out):
+    def interrupted(config, out, **options):
         n_calls.append(config)
         if len(n_calls) == 4:
             raise KeyboardInterrupt
-        return real(config, out)
+        return real(config, out, **options)
 
     monkeypatch.setattr(sweep, "work", interrupted)
     assert cli.main(["compare", *FLOOR, "--quiet"]) == 130

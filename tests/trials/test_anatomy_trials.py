@@ -208,7 +208,7 @@ def test_agents_of_another_anatomy_do_not_advise(trial, monkeypatch):
     # Frames are not looked at here: drawn ones will do.
     sweep_worker.speed_up(monkeypatch)
     monkeypatch.setattr(examination, "frame_store", guidance.frame_store)
-    released = ["best:pp", "best:pp-tracked", "vpg:pp", ORACLE]
+    released = ["best:pp", "best:pp-random", "best:pp-tracked", "vpg:pp", ORACLE]
     assert [
         name for name in offered(Session(trial.parent, seed=0)) if "pp" in name or name == ORACLE
     ] == released
