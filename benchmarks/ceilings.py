@@ -37,12 +37,14 @@ from usbench.envs.tasks.random_phantoms import (
 
 DISTRIBUTION = ProbePlaneRandomEnv.distribution
 TRACKED = ("position", "heading")
-NOISES = (0.0, 0.25, 0.5)
-# Tasks whose policies are told the whole pose: names, environment, senses.
-TRACKED_TASKS: tuple[tuple[str, type[RandomPhantomEnv], tuple[str, ...]], ...] = (
-    ("pp-random pp-tracked", ProbePlaneTrackedEnv, TRACKED),
-    ("fp-random", FocalPointRandomEnv, ("position", "focus")),
-    ("exam-random exam-tracked", ExaminationTrackedEnv, ("position", "focus", "heading")),
+NOISY = (0.25, 0.5)
+NOISES = (0.0, *NOISY)
+# Tasks whose policies are told the whole pose: names, environment, senses, noises. KINDS have the probe plane
+# without noise.
+TRACKED_TASKS: tuple[tuple[str, type[RandomPhantomEnv], tuple[str, ...], tuple[float, ...]], ...] = (
+    ("pp-random pp-tracked", ProbePlaneTrackedEnv, TRACKED, NOISY),
+    ("fp-random", FocalPointRandomEnv, ("position", "focus"), NOISES),
+    ("exam-random exam-tracked", ExaminationTrackedEnv, ("position", "focus", "heading"), NOISES),
 )
 
 
@@ -131,14 +133,12 @@ def untold_rows(n_phantoms: int, error: float, beginnings: int) -> Iterator[Row]
 
 
 def tracked_rows() -> Iterator[Row]:
-    """Yield the rows of who knows the probe's pose, for the tasks and noises that are left; ideal eyes."""
-    for tasks, env, senses in TRACKED_TASKS:
+    """Yield the rows of who knows the probe's pose, with ideal eyes."""
+    for tasks, env, senses, noises in TRACKED_TASKS:
         kind = Knowledge(
             f"all frames and actions, {' and '.join((', '.join(senses[:-1]), senses[-1]))}", senses
         )
-        for noise in track(NOISES, tasks):
-            if env is ProbePlaneTrackedEnv and not noise:
-                continue
+        for noise in track(noises, tasks):
             found = teacher.Teacher(env.task, env.distribution, senses, noise)
             yield Row(tasks, noise, kind, "exact", found.best_score)
 

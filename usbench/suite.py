@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from gymnasium.envs.registration import load_env_creator
 
+from usbench.coordinates import POSE
 from usbench.envs.pose import Pose
 from usbench.envs.task import Task as GuidanceTask
 from usbench.envs.tasks.random_phantoms import FIRST_HELD_OUT
@@ -29,6 +30,11 @@ class Task(Row):
     """
 
     guidance: GuidanceTask
+
+    @property
+    def is_guided(self) -> bool:
+        """Whether `usbench guide` shows it: its keys move the probe alone, not the settings."""
+        return self.guidance.coordinates == POSE
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ class Parser(argparse.ArgumentParser):
     def refuse(self, rest: Sequence[str]) -> NoReturn:
         """Refuse the arguments that nothing takes, with the closest option if the first of them is one."""
         first = rest[0].partition("=")[0]
-        close = closest(first, self._option_string_actions, cutoff=0.6) if first.startswith("-") else ""
+        close = closest(first, self._option_string_actions, cutoff=0.7) if first.startswith("-") else ""
         hint = f" (did you mean {close}?)" if close else ""
         self.error(f"unrecognized arguments: {' '.join(rest)}{hint}")
 

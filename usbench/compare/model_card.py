@@ -13,7 +13,6 @@ from scipy import stats
 
 from usbench import records, seed_pools
 from usbench.agents.zoo import entry
-from usbench.coordinates import POSE
 from usbench.records import Trial, TrialConfig
 from usbench.results import held_out, published
 from usbench.setting import Setting
@@ -57,9 +56,7 @@ def _what(trial: Trial, setting: Setting, name: str) -> str:
         "is told": ", ".join(setting.senses or ()) or "nothing beside the frames",
         "chooses among": ", ".join(action.name for action in setting.guidance.actions),
     }
-    # The guide has keys for the probe's pose alone.
-    advises = setting.guidance.coordinates == POSE
-    guide = f", `usbench guide {name}` lets it advise a person," if advises else ""
+    guide = f", `usbench guide {name}` lets it advise a person," if setting.row.is_guided else ""
     used = f'`usbench watch {name}` shows it{guide} and `usbench.load_agent("{name}")` returns it.'
     return f"{_table(('', ''), rows.items())}\n\n{used}"
 

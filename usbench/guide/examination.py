@@ -10,7 +10,6 @@ import numpy.typing as npt
 
 from usbench import suite
 from usbench.checks import whole_number
-from usbench.coordinates import POSE
 from usbench.envs.frames import frame_store
 from usbench.envs.pose import Move
 from usbench.setting import Setting
@@ -18,8 +17,7 @@ from usbench.trials.recorder import Recorder
 from usbench.watch import episode
 from usbench.watch.moment import Advice
 
-# Tasks in which the probe is all that moves: the scanner's settings have no keys.
-GUIDED = tuple(name for name, task in suite.TASKS.items() if task.guidance.coordinates == POSE)
+GUIDED = tuple(name for name, task in suite.TASKS.items() if task.is_guided)
 
 
 class Asked(Protocol):
