@@ -1,0 +1,79 @@
+"""RF, single points and images beside those of an independent code."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from simulation.measuring import REFERENCE, Floats, Row, correlation
+from usbench.envs.bmode import bmode, envelope, log_compress
+from usbench.envs.probe import DEFAULT_ARRAY
+from usbench.envs.rf import simulate_rf
+
+
+def accuracy() -> Iterator[Row]:
+    """Compare RF, single points and images with the reference."""
+    data = dict(np.load(REFERENCE))
+    for i, (focus, asked, asked_line) in enumerate(((50, 0.998, 0.98), (20, 0.996, 0.97))):
+        rf, time_s = simulate_rf(
+            data["points"], data["amplitudes"], DEFAULT_ARRAY, focus * 1e-3, data["x_lines"]
+        )
+        ours = rf[:3200].astype(np.float64)
+        theirs = data["rf_fst"][i, :, : len(ours)].T.astype(np.float64)
+        lines = [correlation(a, b) for a, b in zip(ours.T, theirs.T, strict=True)]
+        energy = np.square(theirs).sum(axis=0)
+        loud = energy >= 0.01 * energy.mean()
+        yield (
+            f"RF correlation, focus {focus} mm, {len(lines)} lines",
+            f"{correlation(ours, theirs):.5f}",
+            f"{asked}",
+        )
+        worst = min(np.array(lines)[loud])
+        yield (
+            f"RF correlation, focus {focus} mm, worst of {loud.sum()} lines",
+            f"{worst:.4f}",
+            f"{asked_line}",
+        )
+
+        envelopes = [log_compress(envelope(signals), 60.0) for signals in (ours, theirs)]
+        yield image_row(f"60 dB image, focus {focus} mm: rms above -40 dB", *frames(data, ours, theirs))
+        yield image_row(f"the same, envelope at the RF's samples, focus {focus} mm", *envelopes)
+        yield from points(data, i, focus, float(np.sqrt(np.square(theirs).sum() / np.square(ours).sum())))
+
+
+def frames(data: dict[str, Floats], *signals: Floats) -> list[Floats]:
+    """Return the frames in dB above black that the product's chain makes of RF at the reference's lines."""
+    return [
+        bmode(rf, DEFAULT_ARRAY.rf_sampling_frequency, data["x_lines"], -DEFAULT_ARRAY.pulse_delay)
+        * (60 / 255)
+        for rf in signals
+    ]
+
+
+def image_row(what: str, ours: Floats, theirs: Floats) -> Row:
+    """Compare images in dB above black where the reference is above -40 dB of 60."""
+    rms = float(np.sqrt(np.square(ours - theirs)[theirs > 20.0].mean()))
+    return what, f"{rms:.2f} dB", "at most 1 dB"
+
+
+def points(data: dict[str, Floats], i: int, focus: int, gain: float) -> Iterator[Row]:
+    """Compare single points within 30 dB of the strongest at their depth; all others are only counted."""
+    correlations, errors_db, n = [], [], 0
+    peaks = np.abs(data["pt_rf"][i]).max(axis=-1)
+    for iz, ix, iy in np.ndindex(*peaks.shape):
+        n += 1
+        if peaks[iz, ix, iy] < peaks[iz].max() * 10 ** (-30 / 20):
+            continue
+        position = [[data["pt_x"][ix], data["pt_y"][iy], data["pt_z"][iz]]]
+        rf, time_s = simulate_rf(position, [gain], DEFAULT_ARRAY, focus * 1e-3, [0.0])
+        first = round(float(data["pt_t0"][i, iz, ix, iy]) * DEFAULT_ARRAY.rf_sampling_frequency)
+        ours = np.zeros(1600)
+        part = rf[first : first + 1600, 0]
+        ours[: len(part)] = part
+        theirs = data["pt_rf"][i, iz, ix, iy].astype(np.float64)
+        correlations.append(correlation(ours, theirs))
+        errors_db.append(abs(20 * np.log10(np.abs(ours).max() / np.abs(theirs).max())))
+    what = f"{len(correlations)} of {n} points within 30 dB, focus {focus} mm"
+    yield f"{what}: least correlation", f"{min(correlations):.4f}", "0.97"
+    yield f"{what}: largest gain error", f"{max(errors_db):.2f} dB", "at most 1 dB"
