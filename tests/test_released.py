@@ -95,8 +95,17 @@ def test_a_name_without_an_agent_is_refused_with_the_names_that_there_are(capsys
         guide_agents.known("best:nothing")
 
 
+def test_a_misspelt_name_is_refused_with_the_name_that_was_meant(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for misspelt in ("bst:pp", "best:ppp", "Best:pp"):
+        with pytest.raises(
+            ConfigurationError, match=rf"no trained agent '{misspelt}' \(did you mean 'best:pp'"
+        ):
+            usbench.load_agent(misspelt)
+
+
 def test_the_guide_refuses_an_agent_of_a_task_that_it_does_not_show():
-    with pytest.raises(ConfigurationError, match=r"best-setup' is of the task 'setup': the guide shows"):
+    with pytest.raises(ConfigurationError, match=r"^'best:setup' is of the task 'setup': the guide shows"):
         guide_agents.known("best:setup")
 
 

@@ -8,12 +8,13 @@ the folder of a trial takes a name too.
 import re
 from pathlib import Path
 
-from usbench.checks import ConfigurationError
+from usbench.checks import ConfigurationError, closest
 
 # `make release-agents` writes it.
 FOLDER = Path(__file__).with_name("trained")
 CARD = "card.md"
-_NAME = re.compile(r"(best|vpg):(.*)")
+# Of an agent, right or misspelt; what a path of Windows has before its colon is followed by a slash.
+_NAME = re.compile(r"[\w-]+:[\w-]*")
 
 
 def folders() -> list[Path]:
@@ -42,12 +43,16 @@ def place(path: str | Path) -> Path:
     Raises:
         ConfigurationError: If `path` is such a name, but there is no such agent; the message lists all.
     """
-    found = _NAME.fullmatch(str(path))
-    if found is None or Path(path).exists():
+    if _NAME.fullmatch(str(path)) is None or Path(path).exists():
         return Path(path)
     if str(path) not in names():
         raise ConfigurationError(
-            f"no trained agent {str(path)!r} comes with the package: there are "
+            f"no trained agent {str(path)!r}{_hint(str(path))} comes with the package: there are "
             f"{', '.join(names()) or 'none'}."
         )
     return folder_of(str(path))
+
+
+def _hint(name: str) -> str:
+    close = closest(name, names(), cutoff=0.8)
+    return f" (did you mean {close!r}?)" if close else ""

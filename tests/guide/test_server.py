@@ -301,7 +301,9 @@ def test_port_that_is_none_is_refused(port):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["nowhere"], "'nowhere' is not the folder of a trial"),
+        (["nowhere"], "'nowhere' is not the folder of a trial: it does not exist."),
+        (["negative.toml"], "'negative.toml' is not the folder of a trial: it is a file."),
+        (["bst:pp"], "no trained agent 'bst:pp' comes with the package"),
         (["--port", "http"], "port must be a whole number in [0, 65535], not 'http'."),
         (["--task", "xp"], "unknown task 'xp'"),
         (
@@ -320,6 +322,12 @@ def test_command_refuses_in_one_sentence(arguments, sentence, capsys, tmp_path, 
     assert cli.main(["guide", "--no-browser", *arguments]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("usbench: error: ") and sentence in line
+
+
+@pytest.mark.parametrize("arguments", [["nowhere"], ["best:pq"], ["--task", "xp"], ["--noise", "2"]])
+def test_what_is_wrong_is_refused_before_an_address_is_told(arguments, capsys):
+    assert cli.main(["guide", "--no-browser", *arguments]) == 2
+    assert "http" not in "".join(capsys.readouterr())
 
 
 def test_without_the_extra_the_command_says_what_to_install(monkeypatch, capsys):

@@ -184,6 +184,8 @@ def test_a_trial_is_read_back_as_it_was_written(tmp_path):
 def test_reading_what_is_no_trial_says_so(tmp_path):
     with pytest.raises(ConfigurationError, match="not the folder of a trial: no trial.json in it"):
         Trial.read(tmp_path)
+    with pytest.raises(ConfigurationError, match="not the folder of a trial: it does not exist"):
+        Trial.read(tmp_path / "nothing")
 
 
 @pytest.mark.parametrize(

@@ -285,15 +285,22 @@ def test_missing_files_are_named(finished, tmp_path):
     assert "there is no model" in refusal(finished)
     (finished / records.TRIAL).unlink()
     assert "no trial.json" in refusal(finished)
+    assert "it does not exist" in refusal(tmp_path / "nothing")
+
+
+def test_a_record_that_is_no_record_is_named_once(finished):
+    (finished / records.TRIAL).write_text("[]")
+    told = refusal(finished)
+    assert told.startswith(str(finished)) and told.count(records.TRIAL) == 1
 
 
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
         ({"algo": "vgp"}, "'vpg'"),
-        ({"algo": None}, "does not record"),
+        ({"algo": None}, "its config.algo cannot be None"),
         ({"task": "brain"}, "'brain'"),
-        ({"task": ["pp"]}, "does not record"),
+        ({"task": ["pp"]}, "its config.task cannot be"),
         ({"noise": 2}, "noise"),
         ({"steps": "many"}, "steps"),
         ({"seed": -1}, "seed"),
@@ -301,7 +308,7 @@ def test_missing_files_are_named(finished, tmp_path):
         ({"n_frames": "4"}, "n_frames"),
         ({"hyperparameters": {"gama": 1}}, "'gamma'"),
         ({"hyperparameters": {"n_steps": 10**9}}, "n_steps"),
-        ({"hyperparameters": [1]}, "does not record"),
+        ({"hyperparameters": [1]}, "its config.hyperparameters cannot be"),
     ],
 )
 def test_record_that_is_no_configuration_is_refused(finished, changes, said):

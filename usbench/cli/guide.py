@@ -7,7 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from usbench.checks import ConfigurationError
+from usbench import released
+from usbench.checks import ConfigurationError, probability
 from usbench.cli.arguments import add_probe_and_imaging, add_runs, number, probe_and_imaging
 from usbench.tasks import row_of
 
@@ -73,8 +74,7 @@ def _call(args: argparse.Namespace) -> None:
     """Serve the page on which a person moves the probe, until Ctrl-C."""
     from usbench.guide import server
 
-    if args.task is not None:
-        _check_task(args.task)
+    _check(args)
     made: list[Session] = []
 
     def make(tell: Callable[[str], None]) -> Session:
@@ -98,9 +98,16 @@ def _call(args: argparse.Namespace) -> None:
                 session.close()
 
 
-def _check_task(task: str) -> None:
-    """Refuse a name that no task has, before an address is told."""
+def _check(args: argparse.Namespace) -> None:
+    """Refuse what can be known to be wrong without PyTorch, before an address is told."""
     try:
-        row_of(task)
-    except ValueError as error:
+        if args.task is not None:
+            row_of(args.task)
+        if args.noise is not None:
+            probability("noise", args.noise)
+    except (TypeError, ValueError) as error:
         raise ConfigurationError(str(error)) from error
+    if args.trial is not None and not released.place(args.trial).is_dir():
+        from usbench.records import no_trial
+
+        raise no_trial(args.trial)

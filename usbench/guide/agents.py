@@ -87,17 +87,17 @@ def known(folder: Path) -> Known:
     Raises:
         ConfigurationError: If there is no trial of an agent that learns.
     """
-    folder = released.place(folder)
+    name, folder = str(folder), released.place(folder)
     if not (folder / records.TRIAL).is_file():
-        raise ConfigurationError(f"{str(folder)!r} is not the folder of a trial: no {records.TRIAL} in it.")
+        raise records.no_trial(folder)
     trial = _known(folder.resolve())
     if trial is None:
         task = load_agent(folder).config.task  # raises the error that says why
         if task not in GUIDED:
             raise ConfigurationError(
-                f"{str(folder)!r} is of the task {task!r}: the guide shows tasks that move the probe alone."
+                f"{name!r} is of the task {task!r}: the guide shows tasks that move the probe alone."
             )
-        raise ConfigurationError(f"{str(folder)!r} is not the trial of an agent that learns.")
+        raise ConfigurationError(f"{name!r} is not the trial of an agent that learns.")
     return trial
 
 

@@ -21,6 +21,7 @@ from usbench.records.folder import (
     WEIGHTS,
     create,
     model_in,
+    no_trial,
     trial_folders,
     unwritable,
 )
@@ -48,6 +49,7 @@ __all__ = [
     "load",
     "means",
     "model_in",
+    "no_trial",
     "trial_folders",
     "unwritable",
 ]

@@ -78,6 +78,14 @@ def trial_folders(runs: Path) -> list[Path]:
     return [folder for folder in candidates if not _EARLIER.search(folder.name)]
 
 
+def no_trial(folder: Path) -> ConfigurationError:
+    """Return the error for a `folder` that holds no trial, or that is not there."""
+    why = (
+        f"no {TRIAL} in it" if folder.is_dir() else "it is a file" if folder.exists() else "it does not exist"
+    )
+    return ConfigurationError(f"{str(folder)!r} is not the folder of a trial: {why}.")
+
+
 def model_in(folder: Path) -> Path:
     """Return the file of the agent's weights in a trial folder: of a released agent, else of the trial."""
     released = folder / WEIGHTS

@@ -16,10 +16,9 @@ from pydantic.dataclasses import dataclass
 from usbench.anchors import Anchors
 from usbench.atomic import atomic_file
 from usbench.ceilings import ceiling
-from usbench.checks import ConfigurationError
 from usbench.records.checksums import KEY, check, damaged, of_state
 from usbench.records.configuration import TrialConfig
-from usbench.records.folder import EPISODES, EVALUATIONS, TRIAL, trial_folders
+from usbench.records.folder import EPISODES, EVALUATIONS, TRIAL, no_trial, trial_folders
 from usbench.records.journal import read_rows
 
 SCHEMA = 1
@@ -125,7 +124,7 @@ class Trial:
         """
         trial = cls.find(folder)
         if trial is None:
-            raise ConfigurationError(f"{str(folder)!r} is not the folder of a trial: no {TRIAL} in it.")
+            raise no_trial(folder)
         return trial
 
     def write(self) -> None:

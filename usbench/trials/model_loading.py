@@ -59,8 +59,8 @@ def load_agent(path: str | Path, *, algo: str | None = None, task: str | None = 
     folder, file = (path, records.model_in(path)) if path.is_dir() else (path.parent, path)
     if (folder / records.TRIAL).is_file():
         config = _recorded(folder, algo, task)
-    elif path.is_dir():
-        raise ConfigurationError(f"{str(path)!r} is not the folder of a trial: it has no {records.TRIAL}.")
+    elif path.is_dir() or not (path.exists() or (algo and task)):
+        raise records.no_trial(path)
     elif algo is None or task is None:
         raise ConfigurationError(
             f"{str(path)!r} has no {records.TRIAL} beside it: say its algorithm and its task."
@@ -97,7 +97,9 @@ def _recorded(folder: Path, algo: str | None, task: str | None) -> TrialConfig:
     except ConfigurationError:
         raise
     except (ValueError, TypeError, KeyError, AttributeError) as error:
-        raise ConfigurationError(f"{path} does not record a trial ({_words(error)}).") from error
+        told = str(error)  # the reader of records names the file itself
+        why = told if told.startswith(str(path)) else f"{path} does not record a trial ({_words(error)})."
+        raise ConfigurationError(why) from error
 
 
 def _build(config: TrialConfig) -> Any:
