@@ -159,7 +159,7 @@ def test_table_has_a_row_for_every_step(finished, capsys, monkeypatch):
     assert head.startswith("vpg on pp, noise 0.5, seed 0: evaluation episode 0 at step 128, greedy")
     for name in ("action", "reward", "optimum", "to go", "angle", "advice"):
         assert name in names
-    assert names.count("(mm)") == 2 and names.count("(deg)") == 1
+    assert names.split().count("mm") == 2 and names.split().count("deg") == 1
     assert len(rows) == 17 and "%" in rows[0]
 
 
@@ -177,6 +177,17 @@ def test_table_fits_80_columns_with_whole_numbers(quick):
         assert re.search(row, shown, re.MULTILINE)
     assert "focal" not in shown and "slip" in shown
     assert "slip" not in terminal.table(replay.play(Setting(task="pp", noise=0.0), 2, [0] * 16), names)
+
+
+def test_a_table_of_78_columns_breaks_no_word(quick):
+    names = replay.action_names(Setting(task="pp"))
+    advice = Advice((-2.07,) * len(names), "value")
+    played = [
+        dataclasses.replace(moment, advice=advice) for moment in replay.play(Setting(task="pp"), 2, [3] * 16)
+    ]
+    shown = terminal.table(played, names, 78)
+    assert len(re.findall(r"\bcounter-clockwise\b", shown)) == 16
+    assert max(map(len, shown.splitlines())) <= 78
 
 
 def test_terminal_shows_colour_blocks_and_words(finished, without_waiting):

@@ -92,7 +92,7 @@ def _columns(played: Sequence[Moment], names: Sequence[str]) -> dict[str, list[s
         "optimum": [film.fixed(moment.optimum) for moment in played],
         **{_heading(name): [str(getattr(pose, name)) for pose in poses] for name in moving},
         "settings": [", ".join(in_words(pose)) for pose in poses],
-        "to go\n(mm)": [f"{moment.distance_mm:g}" for moment in played],
+        "to go\nmm": [f"{moment.distance_mm:g}" for moment in played],
         "slip": [moment.slip for moment in played],
         "advice for the next": advised,
     }
@@ -183,9 +183,9 @@ def _colors(image: npt.NDArray[np.uint8], color_system: str | None) -> list[list
 
 
 def _heading(coordinate: str) -> str:
-    """Return the heading of a column of coordinates, "focal depth" above "(mm)" for `focal_depth_mm`."""
+    """Return the heading of a column of coordinates, "focal depth" above "mm" for `focal_depth_mm`."""
     words, _, unit = coordinate.rpartition("_")
-    return f"{words.replace('_', ' ')}\n({unit})"
+    return f"{words.replace('_', ' ')}\n{unit}"
 
 
 def _live(selection: Selection, episode: dict[str, Any], console: Console) -> None:
