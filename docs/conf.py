@@ -15,6 +15,8 @@ from sphinx.application import Sphinx
 ROOT = Path(__file__).parents[1]
 # File of the repository -> page of the site that shows it; folder -> package.
 HERE = {"leaderboard.md": "results.md", "CHANGELOG.md": "changelog.md", "CITATION.cff": "cite.md"}
+# Of trained agents, and the page that shows all of them.
+CARD, CARDS = "card.md", "cards.md"
 PACKAGES = {"envs": "usbench.envs", "agents": "usbench.agents", "usbench": "usbench"}
 
 sys.path.insert(0, str(Path(__file__).parent / "_ext"))
@@ -108,11 +110,19 @@ def link_pages(app: Sphinx, page: str, source: list[str]) -> None:
         if path.is_relative_to(app.srcdir) or not path.exists() or path.suffix not in ("", ".md"):
             return link[0]
         within = path.relative_to(ROOT).as_posix()
+        if path.name == CARD:
+            return f"[{words}]({os.path.relpath(Path(app.srcdir) / CARDS, folder)}#{_place(path)})"
         if within in HERE:
             return f"[{words}]({os.path.relpath(Path(app.srcdir) / HERE[within], folder)})"
         return f"[{words}]({repository()}/blob/main/{within})" if repository() else words
 
     source[0] = re.sub(r"(?<!!)\[([^\]]+)\]\(([^)\s#:]+)\)", led, source[0])
+
+
+def _place(page: Path) -> str:
+    """Return how links name the title of a page, as `myst_heading_anchors` makes it."""
+    title = page.read_text(encoding="utf-8").partition("\n")[0].removeprefix("# ")
+    return re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-")
 
 
 def plain_words(app: Sphinx, what: str, name: str, value: Any, options: Any, lines: list[str]) -> None:

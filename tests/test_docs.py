@@ -20,6 +20,7 @@ PAGES = [
 WIDEST = 78
 # Leads to the repository's own page of a job, wherever the repository is.
 ACTIONS = "../../actions/"
+CARDS = sorted((ROOT / "usbench" / "trained").glob("*/card.md"))
 PACKAGES = {"usbench": "usbench", "usbench.envs": "envs", "usbench.agents": "agents"}
 # Names of groups of entry points, which look like modules.
 GROUPS = {"usbench.algorithms", tasks.GROUP}
@@ -160,8 +161,18 @@ def test_the_gallery_runs_and_every_example_draws_something():
 
 def test_formulas_of_the_simulator_can_be_drawn_as_mathml():
     convert = pytest.importorskip("latex2mathml.converter").convert
-    formulas = re.findall(
-        r"^\$\$\n(.*?)\n\$\$", (ROOT / "docs" / "physics.md").read_text(), re.DOTALL | re.MULTILINE
+    page = re.sub(
+        r"^```.*?^```", "", (ROOT / "docs" / "physics.md").read_text(), flags=re.DOTALL | re.MULTILINE
     )
-    assert len(formulas) == 10
-    assert all(convert(formula).startswith("<math") for formula in formulas)
+    on_lines = re.findall(r"^\$\$\n(.*?)\n\$\$", page, re.DOTALL | re.MULTILINE)
+    within_lines = re.findall(r"(?<!\$)\$([^$\n]+)\$(?!\$)", page)
+    assert len(on_lines) == 11 and len(within_lines) > 50
+    assert all(convert(formula).startswith("<math") for formula in [*on_lines, *within_lines])
+
+
+def test_every_trained_agent_has_its_card_on_the_site_and_a_link_to_it():
+    shown = (ROOT / "docs" / "cards.md").read_text()
+    linked = (ROOT / "docs" / "agents.md").read_text()
+    for card in CARDS:
+        place = card.relative_to(ROOT).as_posix()
+        assert f"```{{include}} ../{place}\n" in shown and f"(../{place})" in linked
