@@ -18,9 +18,8 @@ import pytest
 from usbench import cli
 from usbench.envs import guidance
 from usbench.envs.bmode import Imaging
-from usbench.guide import access, examination
+from usbench.guide import access, desk, examination
 from usbench.guide import server as guide_server
-from usbench.guide.desk import Desk
 from usbench.guide.session import Session
 from usbench.records import ConfigurationError
 from usbench.setting import Setting
@@ -54,14 +53,14 @@ def url(quick, monkeypatch, tmp_path):
 def serving(make):
     """Serve the session that `make` makes; what comes out is the address without the token."""
     with guide_server.listening() as listener:
-        desk = Desk()
-        server = guide_server.server(desk, TOKEN)
+        work = desk.Desk()
+        server = guide_server.server(work, TOKEN)
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
         thread.start()
-        desk.start(make, failed=lambda: setattr(server, "should_exit", True))
+        work.start(make, failed=lambda: setattr(server, "should_exit", True))
         yield guide_server.address(listener, TOKEN).partition("?")[0]
         server.should_exit = True
-        desk.close()
+        work.close()
         thread.join()
 
 
@@ -267,6 +266,22 @@ def test_frames_of_the_next_actions_are_simulated_while_nobody_asks(quick, monke
     assert {*shown} == {pose.moved(action.move, task.limits) for action in task.actions}
     session.follow()
     assert session.prepare()
+
+
+@pytest.mark.parametrize(("seconds", "gets_ready"), [(60, False), (0.001, True)])
+def test_nothing_is_got_ready_before_an_answer_is_sent(seconds, gets_ready, quick, monkeypatch, tmp_path):
+    """What is asked for meanwhile is done at once, however long that is."""
+    monkeypatch.setattr(examination, "frame_store", guidance.frame_store)
+    monkeypatch.setattr(desk, "ANSWERING", seconds)
+    begun = threading.Event()
+    monkeypatch.setattr(Session, "prepare", lambda session: begun.set())
+    work = desk.Desk()
+    work.start(lambda tell: Session(tmp_path, seed=0, tell=tell))
+    for _ in range(2):
+        work.do(Session.follow).result(timeout=30)
+    assert work.state()["step"] == 2
+    assert begun.wait(60 if gets_ready else 0) == gets_ready
+    work.close()
 
 
 def test_page_comes_from_here_alone_and_nothing_else_does(url):

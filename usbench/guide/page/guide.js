@@ -15,8 +15,7 @@ function send(path, body, since) {
   waiting += 1;
   pending = pending.then(() => before === nStale && finished(path, body && { ...body, place: shown.place })).then((state) => {
     waiting -= 1;
-    if (state || shown) render(state || shown);
-    if (state && since !== undefined) measure(since);
+    if (state || shown) render(state || shown, state ? since : undefined);
   });
   return pending;
 }
@@ -62,12 +61,12 @@ async function request(path, body) {
   }
 }
 
-// Until the second next picture begins, which is when the first one with the new frame has been shown.
-function measure(since) {
-  requestAnimationFrame(() => requestAnimationFrame(() => {
-    byId("latency").textContent = `${Math.round(performance.now() - since)} ms`;
-  }));
-}
+// The browser itself tells when it has shown the number of the step, which is drawn together with the frame.
+new PerformanceObserver((shownTexts) => {
+  for (const { identifier: since, renderTime } of shownTexts.getEntries()) {
+    byId("latency").textContent = `${Math.round(renderTime - since)} ms`;
+  }
+}).observe({ type: "element" });
 
 function say(sentence) {
   byId("alert").hidden = !sentence;
@@ -139,7 +138,8 @@ function options(id, entries, value) {
   select.value = value;
 }
 
-function render(state) {
+// `since` is when the key was pressed whose answer this is, if it was one.
+function render(state, since) {
   const taskChanged = shown?.task !== state.task;
   shown = state;
   renderSettings(state);
@@ -147,7 +147,7 @@ function render(state) {
   drawScene(PICTURES, state);
   renderFrame(state);
   renderAdvice(state);
-  renderEpisode(state);
+  renderEpisode(state, since);
   renderTraining(state.training, state.untrained);
 }
 
@@ -214,9 +214,10 @@ function renderAdvice(state) {
 const minus = (text) => text.replaceAll("-", "\u2212");
 const signed = (number) => (number > 0 ? "+" : number < 0 ? "\u2212" : "") + Math.abs(number);
 
-function renderEpisode(state) {
+function renderEpisode(state, since) {
   const { pose, advice } = state;
-  byId("progress-words").textContent = `Step ${state.step} of ${state.n_steps}`;
+  const timed = since === undefined ? {} : { elementtiming: since };
+  byId("progress-words").replaceChildren(element("span", timed, `Step ${state.step} of ${state.n_steps}`));
   Object.assign(byId("steps"), { max: state.n_steps, value: state.step });
   byId("return").textContent = minus(state.return ?? "hidden");
   byId("optimum").textContent = minus(state.optimum ?? "hidden");
