@@ -250,6 +250,15 @@ def test_verdict_and_controls_are_on_the_first_screen(page, width, height):
         assert page.locator(".frame").bounding_box()["width"] > width - 20
 
 
+@pytest.mark.parametrize("width", [1366, 1100])
+def test_a_long_name_of_an_agent_takes_no_second_row(page, width):
+    page.set_viewport_size({"width": width, "height": 768})
+    page.evaluate("document.getElementById('agent').add(new Option('trial of many words '.repeat(9)))")
+    rows = {round(box.bounding_box()["y"] / 20) for box in page.locator("#settings select").all()}
+    assert len(rows) == 1 and page.locator("header").bounding_box()["height"] < 60
+    assert page.locator("#noise").bounding_box()["width"] > 60
+
+
 def test_change_of_task_asks_before_an_episode_is_lost(page):
     page.get_by_role("button", name="right").click()
     expect(page.get_by_text("Step 1 of 16")).to_be_visible()
