@@ -64,8 +64,16 @@ def text(task: str, anchors: Anchors) -> str:
 
 def described(environment: type) -> tuple[str, dict[str, str]]:
     """Return the first sentence of an environment's docstring, and its sections by name."""
-    head, *parts = re.split(r"^## (.+)\n", inspect.getdoc(environment) or "", flags=re.MULTILINE)
+    written = linked(inspect.getdoc(environment) or "")
+    head, *parts = re.split(r"^## (.+)\n", written, flags=re.MULTILINE)
     return head.strip(), {name: own.strip() for name, own in zip(parts[::2], parts[1::2], strict=True)}
+
+
+def linked(docstring: str) -> str:
+    """Return a docstring with links to the pages of tasks in place of the classes of environments."""
+    for task, row in suite.TASKS.items():
+        docstring = docstring.replace(f"`{row.entry_point.partition(':')[2]}`", f"[`{task}`]({task}.md)")
+    return docstring
 
 
 def arguments(environment: type) -> dict[str, object]:
