@@ -1,4 +1,4 @@
-"""Links within the built site arrive; pages of other sites are asked for (`make check-links`)."""
+"""Links within the built site arrive and no page shows an error; `make check-links` asks other sites."""
 
 import re
 import socket
@@ -89,6 +89,16 @@ def test_links_within_the_site_arrive():
             ):
                 missing.add(f"{path.relative_to(BUILT)}: {link}")
     assert sorted(missing) == []
+
+
+def test_no_notebook_shows_an_error():
+    """A picture that cannot be shown ends no notebook: its page has a traceback in the picture's place."""
+    written = [path for path in BUILT.rglob("*.html") if "_modules" not in path.parts]
+    assert [path.name for path in written if "Traceback (most recent call last)" in _text(path)] == []
+
+
+def _text(path):
+    return re.sub(r"<[^>]+>", "", path.read_text(encoding="utf-8"))
 
 
 @pytest.mark.links
