@@ -26,7 +26,7 @@ WARM_UP = 512
 ALGOS = ("vpg", "a2c", "ppo", "dqn", "qrdqn", "trpo", "recurrent_ppo")
 ONE_THREAD = {"USBENCH_THREADS": "1", "OMP_NUM_THREADS": "1"}
 PROGRAMS = {"here": ("here", ONE_THREAD), "plain": ("plain", ONE_THREAD), "plain, threads": ("plain", {})}
-ASKED = 1.4
+ASKED = 2.0
 CAPTION = (
     "Training on {task}: medians of {turns} turns of {steps} steps (or whole rollouts) after {warm_up} more. "
     '"plain" is benchmarks/plain, Stable-Baselines3 itself (vpg: a loop after Spinning Up), with one thread; '
