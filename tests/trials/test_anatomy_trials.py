@@ -10,7 +10,7 @@ import sweep_worker
 from state_files import read_state
 from volumes import block, write
 
-from usbench import anatomy_record, cli, records, suite
+from usbench import anatomy_record, cli, records, released, suite
 from usbench.cli.phantom import custom_anatomy
 from usbench.envs import frames, guidance, oracle
 from usbench.envs.anatomy import tissue
@@ -127,9 +127,11 @@ def test_the_same_content_is_the_same_trial_wherever_it_lies(trial, file, tmp_pa
     assert len({config.hash, *(other.hash for other in others)}) == 5
 
 
-def test_the_papers_trials_are_called_as_ever():
-    # The name that docs and earlier trials have.
-    assert resolve("dqn", "pp", steps=2048).folder_name == "pp-p0-dqn-s0-b8247cf7"
+@pytest.mark.parametrize("task", ["fp", "pp"])
+def test_the_papers_trials_are_called_as_ever(task):
+    # An earlier trial, whose agent comes with the package.
+    card = (released.folder_of(f"vpg:{task}") / released.CARD).read_text()
+    assert f"| trial | `{resolve('vpg', task).folder_name}` |" in card
 
 
 def test_watching_finds_the_volume_again_or_says_what_is_missing(trial, _made, capsys, made, monkeypatch):
