@@ -160,17 +160,18 @@ def whole_interval(low: float, high: float) -> str:
     return f"a whole number from {low}" if math.isinf(high) else f"a whole number in [{low}, {high}]"
 
 
-def closest(name: object, allowed: Collection[str], cutoff: float = 0.5) -> str:
-    """Return the one of `allowed` that is most like `name`, "" if none is."""
-    return next(iter(difflib.get_close_matches(str(name).lower(), allowed, n=1, cutoff=cutoff)), "")
+def did_you_mean(name: object, allowed: Collection[str], cutoff: float = 0.5) -> str:
+    """Return a hint in brackets at the one of `allowed` that is most like `name`, "" if none is like it."""
+    close = difflib.get_close_matches(str(name).lower(), allowed, n=1, cutoff=cutoff)
+    return f" (did you mean {close[0]!r}?)" if close else ""
 
 
 def unknown(what: str, name: object, allowed: Collection[str]) -> ValueError:
     """Return the error for a `name` that is not one of `allowed`; it says a close one, if there is one."""
-    close = closest(name, allowed)
-    hint = f" (did you mean {close!r}?)" if close else ""
     listed = ", ".join(map(repr, allowed)) or "none"
-    return ValueError(f"unknown {what} {reprlib.repr(name)}{hint}: allowed are {listed}.")
+    return ValueError(
+        f"unknown {what} {reprlib.repr(name)}{did_you_mean(name, allowed)}: allowed are {listed}."
+    )
 
 
 def _refused(name: str, value: object, allowed: str) -> str:

@@ -8,7 +8,7 @@ the folder of a trial takes a name too.
 import re
 from pathlib import Path
 
-from usbench.checks import ConfigurationError, closest
+from usbench.checks import ConfigurationError, did_you_mean
 
 # `make release-agents` writes it.
 FOLDER = Path(__file__).with_name("trained")
@@ -47,12 +47,7 @@ def place(path: str | Path) -> Path:
         return Path(path)
     if str(path) not in names():
         raise ConfigurationError(
-            f"no trained agent {str(path)!r}{_hint(str(path))} comes with the package: there are "
-            f"{', '.join(names()) or 'none'}."
+            f"no trained agent {str(path)!r}{did_you_mean(path, names(), cutoff=0.8)} comes with the "
+            f"package: there are {', '.join(names()) or 'none'}."
         )
     return folder_of(str(path))
-
-
-def _hint(name: str) -> str:
-    close = closest(name, names(), cutoff=0.8)
-    return f" (did you mean {close!r}?)" if close else ""

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeVar
 
-from usbench.checks import closest, unknown
+from usbench.checks import did_you_mean, unknown
 from usbench.envs.bmode import Imaging
 from usbench.envs.probe import LinearArray
 from usbench.records import ConfigurationError
@@ -107,7 +107,4 @@ def _known(kind: str, path: Path) -> str:
     if kind != "probe" or path.suffix == ".toml":
         return ""
     names = presets()
-    close = closest(path, names)
-    return f"; probes that need no file are {', '.join(names)}" + (
-        f" (did you mean {close!r}?)" if close else ""
-    )
+    return f"; probes that need no file are {', '.join(names)}{did_you_mean(path, names)}"

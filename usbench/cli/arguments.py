@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
-from usbench.checks import closest
+from usbench.checks import did_you_mean
 
 REFUSED = 2
 # The leaderboard of the grid.
@@ -36,8 +36,7 @@ class Parser(argparse.ArgumentParser):
     def refuse(self, rest: Sequence[str]) -> NoReturn:
         """Refuse the arguments that nothing takes, with the closest option if the first of them is one."""
         first = rest[0].partition("=")[0]
-        close = closest(first, self._option_string_actions, cutoff=0.7) if first.startswith("-") else ""
-        hint = f" (did you mean {close}?)" if close else ""
+        hint = did_you_mean(first, self._option_string_actions, cutoff=0.7) if first.startswith("-") else ""
         self.error(f"unrecognized arguments: {' '.join(rest)}{hint}")
 
     def error(self, message: str) -> NoReturn:
