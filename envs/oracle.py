@@ -205,9 +205,8 @@ def _plain(rewards: Sequence[float] | None) -> tuple[float, ...] | None:
 def _returns(process: DecisionProcess, poses: tuple[Pose, ...]) -> Anchors:
     task = process.task
     starts = [task.indices[pose] for pose in poses]
-    stay = [action.move for action in task.actions].index(Move())
     uniform = np.full(len(task.actions), 1 / len(task.actions))
-    idle = np.eye(len(task.actions))[stay]
+    idle = np.eye(len(task.actions))[task.stay]
     optimal = _policy(process).values[0]
     random, staying = (_values(process, weights) for weights in (uniform, idle))
     return Anchors(*(float(values[starts].mean()) for values in (optimal, random, staying)))

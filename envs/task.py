@@ -69,6 +69,11 @@ class Task:
         return type(self.states[0])(**{name: values[name] for name in self.coordinates})
 
     @property
+    def stay(self) -> int:
+        """The action that moves nothing."""
+        return [action.move for action in self.actions].index(Move())
+
+    @property
     def moves_focus(self) -> bool:
         """Whether an action changes the focal depth."""
         return any(action.move.focal_depth_mm for action in self.actions)

@@ -47,7 +47,7 @@ UNSEEN: dict[str, Entry] = {
             "buffer_size": 100_000,
             "learning_starts": 1_024,
             "batch_size": 128,
-            "temperature": 0.1,
+            "largest_cost": 0.5,
             "train_freq": 32,
             "gradient_steps": 4,
             # An average of about the last two hundred updates.
@@ -62,13 +62,10 @@ UNSEEN: dict[str, Entry] = {
         },
         tasks={
             "exam-tracked": {
-                # A step of the focus costs 0.1: at a temperature of 0.1 it would hardly be advised.
-                "temperature": 0.03,
                 # 32 new frames take as long as several updates.
                 "gradient_steps": 8,
-                "final_learning_rate": 2e-4,
-                # A student that acts alone comes to turn to and fro where its frames do not tell which way is
-                # right, and fills its memory with that; a step of the teacher ends it.
+                # A student that turns to and fro, where its frames do not tell which way is right, fills its
+                # memory with that; a step of the teacher ends it.
                 "exploration_fraction": 0.3,
                 "exploration_final_eps": 0.25,
             }

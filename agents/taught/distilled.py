@@ -8,7 +8,6 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 from stable_baselines3.common.callbacks import BaseCallback
-from torch.nn import functional
 
 from usbench.agents.taught.taught import Infos, Taught
 
@@ -17,6 +16,10 @@ Beliefs = npt.NDArray[np.int64]
 
 class Teacher(Protocol):
     """What knows the costs of actions from all that was seen since an episode began."""
+
+    @property
+    def stay(self) -> int:
+        """The action that moves nothing."""
 
     def first(self, infos: Infos) -> Beliefs:
         """The beliefs `(n,)` after the first frames of episodes that begin where `infos` say."""
@@ -33,21 +36,27 @@ class Distilled(Taught):
 
     Student and teacher take turns by chance, the teacher ever less often, and every step is remembered with
     what the teacher says of it: so the student learns what to do where it gets to by its own errors, too
-    (dataset aggregation, DAgger). An update brings the softmax of the network's outputs nearer to that of the
-    negative costs over `temperature`. At the end the student acts alone, from observations.
+    (dataset aggregation, DAgger). The network learns the mean of the costs over all that the teacher may know
+    and the student does not, and the student takes the action that costs least on average: where it cannot
+    tell which of two turns is right, it does first what is needed in any case. At the end it acts alone.
+
+    Two things are changed in the costs. Above `largest_cost` they all count as that, so that the network's
+    outputs are exact where actions differ little. To stay costs as much, unless nothing is better: it shows
+    nothing new, although the teacher, who has lost a step only, would know what to do afterwards.
 
     `exploration_rate` is the teacher's share of the steps.
 
     Sources: Ross et al., "A reduction of imitation learning and structured prediction to no-regret online
-    learning" (2011), Algorithm 3.1; Rusu et al., "Policy distillation" (2016), Eq. 3.
+    learning" (2011), Algorithm 3.1; Ross and Bagnell, "Reinforcement and imitation learning via interactive
+    no-regret learning" (2014), Algorithm 1, for costs in place of actions.
 
     Attributes:
         takes_teacher: Whether the class is made with a `teacher`.
-        tells_preferences: Whether the network's outputs are logits of actions, and no returns.
+        tells_costs: Whether the network's outputs are costs, below 0 and in units of `largest_cost`.
     """
 
     takes_teacher = True
-    tells_preferences = True
+    tells_costs = True
 
     def __init__(
         self,
@@ -55,7 +64,7 @@ class Distilled(Taught):
         env: Any,
         *,
         teacher: Teacher | None = None,
-        temperature: float = 0.1,
+        largest_cost: float = 0.5,
         **kwargs: Any,
     ) -> None:
         """Takes the arguments of `Taught`, and those below.
@@ -64,10 +73,10 @@ class Distilled(Taught):
             policy: As there.
             env: As there; its infos say poses and targets, from which the teacher knows what is seen.
             teacher: Who is asked while the student learns; acting needs none.
-            temperature: Costs are divided by it: the lower it is, the less does the second-best action count.
+            largest_cost: What costs more counts as this, in units of returns.
             kwargs: As there; those of returns have no effect.
         """
-        self.teacher, self.temperature = teacher, temperature
+        self.teacher, self.largest_cost = teacher, largest_cost
         self._beliefs: Beliefs = np.zeros(0, np.int64)
         self._costs: npt.NDArray[np.float32] = np.zeros((0, 0), np.float32)
         super().__init__(policy, env, **kwargs)
@@ -107,7 +116,10 @@ class Distilled(Taught):
         self._beliefs[dones] = self.teacher.first(list(compress(infos, dones)))
 
     def _told(self) -> npt.NDArray[np.float32]:
-        return self._costs
+        assert self.teacher is not None
+        costs = np.minimum(self._costs / self.largest_cost, 1.0)
+        costs[:, self.teacher.stay] = np.sign(costs[:, self.teacher.stay])
+        return costs
 
     def _update(self, batch_size: int) -> float:
         observations, costs = self.replay_buffer.advice(batch_size)
@@ -118,6 +130,4 @@ class Distilled(Taught):
             # Symmetries undo themselves: the way there is the way back.
             costs = views.values_from(costs, numbers)
         outputs = self.q_net(self._shifted(observations))
-        advised = functional.softmax(-costs / self.temperature, dim=1)
-        loss = functional.kl_div(functional.log_softmax(outputs, dim=1), advised, reduction="batchmean")
-        return self._descended(loss)
+        return self._descended((outputs + costs).square().mean())

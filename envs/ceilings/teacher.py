@@ -60,6 +60,11 @@ class Teacher:
         if why:
             sensing.check_pose_told(self.senses, self.task, f"with {why}, a teacher")
 
+    @property
+    def stay(self) -> int:
+        """The action that moves nothing."""
+        return self.task.stay
+
     def first(self, infos: Infos) -> Ints:
         """Return the beliefs (n,) after the first frames of episodes that begin where `infos` say.
 

@@ -7,7 +7,7 @@ from typing import Any
 from usbench.envs.scene.picture import Probe
 from usbench.guide.controls import controls, name
 from usbench.guide.examination import Examination
-from usbench.watch.film import fixed
+from usbench.watch.film import advice_numbers, fixed
 
 
 def seen(examination: Examination, *, hidden: bool) -> dict[str, Any]:
@@ -72,14 +72,12 @@ def advice(examination: Examination) -> dict[str, Any] | None:
     asked = examination.advice
     if asked is None:
         return None
-    is_value = asked.kind == "value"
-    low, high = (min(asked.weights), max(asked.weights)) if is_value else (0.0, 1.0)
     advised = controls(examination.guidance)[asked.best]
     return {
         "action": asked.best,
         "words": advised.advice,
         "icon": advised.icon,
         "kind": asked.kind,
-        "texts": [fixed(weight) if is_value else f"{100 * weight:.0f} %" for weight in asked.weights],
-        "bars": [(weight - low) / ((high - low) or 1.0) for weight in asked.weights],
+        "texts": advice_numbers(asked),
+        "bars": asked.bars,
     }

@@ -42,8 +42,8 @@ class Adviser:
             return Advice(_probabilities(policy.get_distribution(seen)))
         if isinstance(policy, DQNPolicy):
             values = getattr(policy, "greedy_net", policy.q_net)(seen)
-            if getattr(self._agent, "tells_preferences", False):
-                return Advice(_numbers(values.softmax(dim=1)))
+            if getattr(self._agent, "tells_costs", False):
+                return Advice(_numbers(values * self._agent.largest_cost), "loss")
             return Advice(_numbers(values), "value")
         if isinstance(policy, QRDQNPolicy):
             return Advice(_numbers(policy.quantile_net(seen).mean(dim=1)), "value")

@@ -58,14 +58,14 @@ def fixed(number: float) -> str:
 
 
 def advice_numbers(advice: Advice) -> list[str]:
-    """Return the probability or the value of every action."""
+    """Return the weight of every action as text."""
     if advice.kind == "probability":
         return [f"{100 * weight:.0f} %" for weight in advice.weights]
     return [fixed(weight) for weight in advice.weights]
 
 
 def advice_words(advice: Advice, names: Sequence[str]) -> list[str]:
-    """Return the name of every action with its probability or value."""
+    """Return the name of every action with its weight."""
     return [f"{name} {number}" for name, number in zip(names, advice_numbers(advice), strict=True)]
 
 
@@ -103,13 +103,12 @@ def write(path: Path, pages: Sequence[Image.Image]) -> None:
 def _draw_advice(draw: ImageDraw.ImageDraw, advice: Advice, names: Sequence[str], top: int) -> None:
     """Draw a bar for every action, the advised one marked by more than its colour."""
     font = ImageFont.load_default(size=14)
-    low, high = (0.0, 1.0) if advice.kind == "probability" else (min(advice.weights), max(advice.weights))
     words = advice_words(advice, names)
     draw.text((ADVICE_LEFT, top), "advice now:", fill="white", font=font)
-    for number, (weight, text) in enumerate(zip(advice.weights, words, strict=True)):
+    for number, (bar, text) in enumerate(zip(advice.bars, words, strict=True)):
         best = number == advice.best
         y = top + ACTION_HEIGHT * number
-        length = round(BAR_WIDTH * (weight - low) / ((high - low) or 1.0))
+        length = round(BAR_WIDTH * bar)
         marked = f"{'> ' if best else '   '}{text}"
         draw.text((NAME_LEFT, y), marked, fill=BEST if best else "white", font=font)
         draw.rectangle((BAR_LEFT, y + 4, BAR_LEFT + length, y + 16), fill=BEST if best else BAR)

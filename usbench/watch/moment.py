@@ -15,17 +15,24 @@ class Advice:
     """What an agent thinks of every action.
 
     Attributes:
-        weights: One number per action: its probability, or the discounted return that the agent expects.
-        kind: Which of the two the numbers are.
+        weights: One number per action: its probability, the discounted return that the agent expects, or what
+            it expects to lose against the best action, below 0.
+        kind: Which of the three the numbers are.
     """
 
     weights: tuple[float, ...]
-    kind: Literal["probability", "value"] = "probability"
+    kind: Literal["probability", "value", "loss"] = "probability"
 
     @property
     def best(self) -> int:
         """The action that the agent advises."""
         return int(np.argmax(self.weights))
+
+    @property
+    def bars(self) -> list[float]:
+        """How long the bar of each action is, 0 to 1: probabilities as they are, the others stretched."""
+        low, high = (0.0, 1.0) if self.kind == "probability" else (min(self.weights), max(self.weights))
+        return [(weight - low) / ((high - low) or 1.0) for weight in self.weights]
 
 
 # (observation, info, step) -> advice after `step` steps: how an agent is asked, `Adviser.advise` for example.

@@ -17,7 +17,13 @@ from usbench.trials import runner
 from usbench.trials.configuration import resolve
 from usbench.watch.advice import Adviser
 
-SMALL = {"learning_starts": 16, "train_freq": 4, "batch_size": 16, "buffer_size": 1000}
+SMALL = {
+    "learning_starts": 16,
+    "train_freq": 4,
+    "target_update_interval": 4,
+    "batch_size": 16,
+    "buffer_size": 1000,
+}
 TRACKED = {"task": "pp-tracked", "n_frames": 2, "senses": ("position", "heading", "actions")}
 
 
@@ -35,6 +41,8 @@ class Telling(Signs):
 
 class Knowing:
     """A teacher of these signs: the belief is the right action, and the other costs 2."""
+
+    stay = 0
 
     def first(self, infos):
         return np.array([one["right"] for one in infos])
@@ -69,14 +77,17 @@ def test_student_learns_what_the_teacher_says_and_acts_alone_then():
 
 
 def test_advice_is_that_of_the_observation_beside_which_it_is_remembered():
-    agent = model().learn(200)
+    agent = model(largest_cost=8.0).learn(200)
     observations, costs = agent.replay_buffer.advice(300)
-    assert set(costs.unique().tolist()) == {0.0, 2.0}
+    # The first action counts as staying: it costs a quarter of the largest cost, or as much as that.
+    assert set(costs[:, 0].unique().tolist()) == {0.0, 1.0}
+    assert set(costs[:, 1].unique().tolist()) == {0.0, 0.25}
     assert costs.argmin(1).tolist() == right(observations).tolist()
 
 
 def test_teacher_acts_at_first_and_never_at_the_end():
-    agent = model(learning_starts=64, exploration_fraction=0.5, learning_rate=1e-9)
+    slow = {"learning_rate": 1e-9, "final_learning_rate": 1e-9}
+    agent = model(learning_starts=64, exploration_fraction=0.5, **slow)
     taken = []
     step = agent.env.step
     agent.env.step = lambda actions: taken.append((actions == right(agent._last_obs)).mean()) or step(actions)
@@ -86,18 +97,20 @@ def test_teacher_acts_at_first_and_never_at_the_end():
     assert 0.3 < np.mean(taken[-80:]) < 0.7
 
 
-def test_what_an_update_makes_smaller_is_the_divergence_from_the_softmax_of_the_costs(monkeypatch):
-    """Rusu et al. (2016), Eq. 3."""
-    agent = model(temperature=0.5)
+def test_costs_above_the_largest_count_as_that():
+    agent = model(largest_cost=0.5).learn(64)
+    assert set(agent.replay_buffer.advice(300)[1].unique().tolist()) == {0.0, 1.0}
+
+
+def test_what_an_update_makes_smaller_is_the_squared_error_of_the_costs(monkeypatch):
+    """Its least is where the outputs are the mean costs (Ross and Bagnell 2014, Algorithm 1)."""
+    agent = model()
     seen = torch.randn(2, *agent.observation_space.shape)
     costs = torch.tensor([[0.0, 1.0], [0.3, 0.0]])
     with torch.no_grad():
-        shares = torch.softmax(agent.q_net(seen).double(), 1)
-    advised = torch.tensor([[0.0, -2.0], [-0.6, 0.0]]).double().exp()
-    advised /= advised.sum(1, keepdim=True)
-    expected = (advised * (advised / shares).log()).sum(1).mean()
+        expected = np.square(agent.q_net(seen).double().numpy() + costs.numpy()).mean()
     monkeypatch.setattr(agent.replay_buffer, "advice", lambda n: (seen, costs))
-    assert agent._update(2) == pytest.approx(expected.item(), rel=1e-4)
+    assert agent._update(2) == pytest.approx(expected, rel=1e-4)
     assert agent._update(2) < expected
 
 
@@ -127,14 +140,19 @@ def test_student_of_a_task_knows_the_teachers_beliefs_after_its_own_steps(tracke
     teacher = agent.teacher
     seen = teacher._graph.seen[agent._beliefs // teacher._depths.n_columns]
     assert seen.tolist() == teacher._observed[teacher._hypotheses(infos)].tolist()
-    assert (agent.replay_buffer.told[:32] >= 0).all() and agent.replay_buffer.told.max() > 0.2
+    told = agent.replay_buffer.told[:32]
+    assert told.min() == 0 and told.max() == 1
+    # It stays, or to stay is as bad as can be.
+    assert set(np.unique(told[:, :, agent.teacher.stay])) <= {0.0, 1.0}
 
 
-def test_advice_is_how_likely_each_action_is_and_no_return(tracked):
+def test_advice_is_what_each_action_loses_and_no_return(tracked):
     agent, _ = tracked
     observation = {name: values[0] for name, values in agent._last_obs.items()}
     advice = Adviser(agent).advise(observation, {}, 0)
-    assert advice.kind == "probability" and sum(advice.weights) == pytest.approx(1)
+    assert advice.kind == "loss" and max(advice.bars) == 1
+    outputs = agent.policy.greedy_net(agent.policy.obs_to_tensor(observation)[0]).detach().numpy()[0]
+    np.testing.assert_allclose(advice.weights, outputs * agent.largest_cost, rtol=1e-5)
     action, _ = agent.predict(observation, deterministic=True)
     assert int(np.argmax(advice.weights)) == int(action)
 
@@ -172,9 +190,9 @@ def test_refuses_tasks_without_a_teacher(task, setting, words):
         resolve("distilled", task, **setting)
 
 
-def test_temperature_is_checked():
-    with pytest.raises(ConfigurationError, match="temperature must be"):
-        resolve("distilled", overrides={"temperature": 0}, **TRACKED)
+def test_largest_cost_is_checked():
+    with pytest.raises(ConfigurationError, match="largest_cost must be"):
+        resolve("distilled", overrides={"largest_cost": 0}, **TRACKED)
 
 
 def test_rows_with_a_teacher_are_those_that_results_do_not_rank():

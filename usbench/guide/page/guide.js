@@ -3,6 +3,12 @@ import { drawScene } from "./scene.js";
 
 const PLAY_MS = 700, POLL_MS = 1000, BUSY_MS = 150;
 const byId = (id) => document.getElementById(id);
+// What the numbers beside the actions are.
+const CONFIDENCE = {
+  probability: "Probability of each action",
+  value: "Expected return of each action",
+  loss: "What each action loses, as expected",
+};
 const PICTURES = {
   above: byId("above"), side: byId("side"), view: byId("frame-view"), canvas: byId("frame"), axes: byId("frame-axes"),
 };
@@ -190,7 +196,7 @@ function renderAdvice(state) {
   // At the end all keeps its place, so that no button moves away under a finger.
   byId("advice").hidden = !advice && !over;
   byId("silence").textContent = advice || over ? "" : state.study ? "No advice in this episode." : "No advice: choose an agent that fits the task.";
-  byId("confidence-title").textContent = !advice ? "\u00a0" : advice.kind === "value" ? `Expected return of each action${exact ? ", to the end" : ""}` : "Probability of each action";
+  byId("confidence-title").textContent = !advice ? "\u00a0" : CONFIDENCE[advice.kind] + (exact ? ", to the end" : "");
   const words = advice?.words ?? "the episode is over";
   byId("advice").querySelector("use").setAttribute("href", advice ? `#icon-${advice.icon}` : "");
   byId("advice").querySelector("strong").textContent = words[0].toUpperCase() + words.slice(1);
