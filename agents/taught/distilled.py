@@ -117,7 +117,7 @@ class Distilled(Taught):
 
     def _told(self) -> npt.NDArray[np.float32]:
         assert self.teacher is not None
-        costs = np.minimum(self._costs / self.largest_cost, 1.0)
+        costs: npt.NDArray[np.float32] = np.minimum(self._costs / self.largest_cost, 1.0)
         costs[:, self.teacher.stay] = np.sign(costs[:, self.teacher.stay])
         return costs
 
