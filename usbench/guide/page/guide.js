@@ -7,7 +7,7 @@ const byId = (id) => document.getElementById(id);
 const CONFIDENCE = {
   probability: "Probability of each action",
   value: "Expected return of each action",
-  loss: "What each action loses, as expected",
+  loss: "Expected loss of return by each action",
 };
 const PICTURES = {
   above: byId("above"), side: byId("side"), view: byId("frame-view"), canvas: byId("frame"), axes: byId("frame-axes"),
