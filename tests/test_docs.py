@@ -89,12 +89,11 @@ def blocks(page, kind):
     return re.findall(rf"^```{kind}\n(.*?)^```", page.read_text(), re.DOTALL | re.MULTILINE)
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", [*PAGES, *CARDS], ids=lambda page: str(page.relative_to(ROOT)))
 def test_code_blocks_are_not_wider_than_what_is_shown(page):
     fenced = re.findall(r"^```[^\n]*\n(.*?)^```", page.read_text(), re.DOTALL | re.MULTILINE)
     wide = [line for block in fenced for line in block.split("\n") if len(line) > WIDEST]
-    # The simulator's pages quote its code line by line, and what its benchmark prints.
-    assert page.name in ("physics.md", "gallery.md") or wide == []
+    assert wide == []
 
 
 def test_the_first_hour_begins_on_the_first_60_lines_of_the_readme():
