@@ -83,10 +83,10 @@ def test_the_command_refuses_in_one_sentence(tmp_path, monkeypatch, capsys):
     assert not (tmp_path / "tables").exists()
 
 
-def test_a_further_table_has_a_leaderboard_of_its_name(tmp_path, monkeypatch):
+def test_a_further_table_has_a_folder_of_its_name(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     written = []
     monkeypatch.setattr("usbench.compare.runs.report", lambda planned, out, path: written.append(path) or [])
     for more in ([], ["--table", "long"], ["--table", "long", "--leaderboard", "mine.md"]):
         assert cli.main(["compare", *more, "--report-only"]) == 0
-    assert [str(path) for path in written] == ["leaderboard.md", "tables/long.md", "mine.md"]
+    assert [str(path) for path in written] == ["leaderboard.md", "tables/long/leaderboard.md", "mine.md"]

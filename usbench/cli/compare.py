@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from usbench.records import TrialConfig
 
 
-# Where the leaderboards of the protocol's further tables are.
+# Where the leaderboards of the protocol's further tables are, each with its files in a folder of its own.
 TABLES = Path("tables")
 
 EXAMPLES = """examples:
@@ -23,7 +23,7 @@ EXAMPLES = """examples:
       levels and 10 seeds
   usbench compare --table single-frames
       a further table of the protocol, with a leaderboard apart:
-      tables/single-frames.md
+      tables/single-frames/leaderboard.md
   usbench compare --algos vpg ppo --tasks pp --noise 0 --seeds 10 --jobs 8
   usbench compare --steps 1024 --seeds 2 --out quick \\
       --leaderboard quick/leaderboard.md
@@ -75,7 +75,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
     compare.add_argument(
         "--steps", type=number, metavar="N", help="training steps (default: the task's budget)"
     )
-    add_leaderboard_file(compare, "leaderboard.md, and tables/NAME.md with --table NAME")
+    add_leaderboard_file(compare, "leaderboard.md, and tables/NAME/leaderboard.md with --table NAME")
     compare.set_defaults(leaderboard=None)
     add_sweep(compare)
     compare.add_argument(
@@ -98,7 +98,7 @@ def _call(args: argparse.Namespace) -> None:
     jobs = None if args.jobs is None else plan.positive("jobs", args.jobs)
     rules = protocol.read()
     if args.leaderboard is None:
-        args.leaderboard = LEADERBOARD if args.table is None else TABLES / f"{args.table}.md"
+        args.leaderboard = LEADERBOARD if args.table is None else TABLES / args.table / LEADERBOARD
     planned = plan.by_protocol(
         rules,
         args.table,
