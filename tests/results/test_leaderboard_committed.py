@@ -15,23 +15,24 @@ from usbench.trials.configuration import resolve
 TOP = Path(__file__).parents[2]
 
 
-@pytest.fixture(scope="module")
-def again(tmp_path_factory):
-    """The folder of a leaderboard that is written from the committed tables."""
-    folder = tmp_path_factory.mktemp("again")
-    leaderboard.write(leaderboard.files(TOP / "leaderboard.md"), folder / "leaderboard.md")
-    return folder
+# That of the whole, and those that `usbench compare` writes apart.
+BOARDS = [TOP / "leaderboard.md", *sorted((TOP / "tables").glob("*/leaderboard.md"))]
+EACH = pytest.mark.parametrize("board", BOARDS, ids=lambda board: str(board.relative_to(TOP)))
 
 
-@pytest.mark.parametrize("name", ["leaderboard.md", "scores.csv"])
-def test_committed_leaderboard_comes_from_the_committed_tables(again, name):
+@EACH
+def test_committed_leaderboard_comes_from_the_committed_tables(board, tmp_path):
     # `usbench compare` writes them, `usbench leaderboard` writes them again.
-    assert (TOP / name).read_bytes() == (again / name).read_bytes()
+    written = leaderboard.write(leaderboard.files(board), tmp_path / "leaderboard.md")
+    assert {path.name for path in written} >= {"leaderboard.md", "scores.csv"}
+    for path in written:
+        assert path.read_bytes() == (board.parent / path.name).read_bytes(), path.name
 
 
-def test_committed_figures_come_from_the_committed_tables(tmp_path):
+@EACH
+def test_committed_figures_come_from_the_committed_tables(board, tmp_path):
     # With the versions of constraints.txt: another matplotlib draws otherwise.
-    folder = leaderboard.files(TOP / "leaderboard.md")
+    folder = leaderboard.files(board)
     comparison.write(tables.read(folder), tmp_path)
     tuning.write(folder, tmp_path)
     committed, drawn = (
