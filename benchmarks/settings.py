@@ -1,8 +1,9 @@
 """Which searched settings mattered: the rank correlation of each with the scores of the candidates.
 
 Of the first rung of every search in a folder, in which all candidates are: Spearman's correlation over the
-candidates, with the p-value of a permutation test. The candidates were drawn at random, each setting by
-itself, so that no setting stands for another. Sixteen candidates show strong effects only.
+candidates, with the p-value of a permutation test. The candidates were drawn at random; where the space
+ties settings together, as VPG's first value to its discount, one may stand for the other. Sixteen
+candidates show strong effects only.
 """
 
 import argparse
