@@ -2,7 +2,7 @@
 
 Prints the tables for docs/failures.md and draws its figures. Look-alikes come from the frames of the default
 phantom, all else from the records in folders of trials. How episodes end is kept in a table beside its
-figure, which is drawn from that table where there are no trials.
+figure: trials add their rows to it, cell by cell, and the figure is drawn from the whole table.
 """
 
 import argparse
@@ -80,10 +80,11 @@ def main() -> None:
     if args.figure:
         style.save(look_alikes.draw(known), args.figure)
     ends, table = ends_of(args.runs), args.ends and args.ends.with_suffix(".csv")
+    if table and table.exists():
+        kept = pd.read_csv(table)
+        ends = kept if ends is None else episode_ends.merged(kept, ends)
     if ends is not None and table:
         ends.to_csv(table, index=False, float_format="%.4f", lineterminator="\n")
-    elif table and table.exists():
-        ends = pd.read_csv(table)
     if ends is not None:
         console.print(printed(ends, "How episodes end, greedy actions, as shares"))
         if args.ends:

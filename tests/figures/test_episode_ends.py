@@ -93,6 +93,21 @@ def test_figure_has_a_panel_for_each_cell_and_bars_as_high_as_the_shares():
     assert [text.get_text() for text in legend.get_texts()][-2:] == ["out of plane", "long way"]
 
 
+def test_a_later_table_replaces_an_agent_of_a_cell_and_keeps_the_others():
+    kept = episode_ends.shares(
+        pd.DataFrame([episode("pp", 5, 50, 45, 0), episode("pp", 5, 50, 45, 0, algo="dqn", trial="dqn")])
+    )
+    new = episode_ends.shares(
+        pd.DataFrame([episode("pp", 0, 50, 45, 0), episode("fp", 0, 55, 0, 0, noise=0.5, trial="fp")])
+    )
+    table = episode_ends.merged(kept, new)
+    assert table[["task", "noise", "algo", "success"]].to_numpy().tolist() == [
+        ["fp", 0.5, "vpg", 0.0],
+        ["pp", 0.0, "dqn", 0.0],
+        ["pp", 0.0, "vpg", 1.0],
+    ]
+
+
 def trained(algo, n_frames, seed, score):
     """The row of a trial and those of its last evaluation, drawn actions a tenth worse."""
     trial = f"{algo}-{n_frames}-{seed}"

@@ -67,6 +67,12 @@ def shares(evaluations: pd.DataFrame) -> pd.DataFrame:
     return result.reset_index()
 
 
+def merged(kept: pd.DataFrame, new: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows of two tables of `shares`; where both have an agent in a cell, that of `new` stays."""
+    rows = pd.concat([kept, new]).drop_duplicates([*CELL, "algo"], keep="last")
+    return rows.sort_values([*CELL, "algo"], ignore_index=True)
+
+
 def draw(ends: pd.DataFrame) -> Figure:
     """Draw what `shares` returns: a panel for each task and noise, a group of bars for each agent there."""
     cells = {Cell(*cell): own.set_index("algo") for cell, own in ends.groupby(CELL)}
