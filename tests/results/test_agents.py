@@ -1,10 +1,15 @@
 """Which configuration of an algorithm keeps the algorithm's name."""
 
 import json
+from pathlib import Path
 
+import pytest
 from made_tables import made, seeds, trial
 
-from usbench.results import agents, verdict
+from usbench.agents import zoo
+from usbench.results import agents, tables, verdict
+
+GRID = Path(__file__).parents[2] / "tables" / "grid" / "leaderboard_files"
 
 
 def other(score=0.7, gamma=0.9, **changes):
@@ -37,6 +42,30 @@ def test_unfinished_trials_fill_nothing():
 
 def test_of_equals_none_keeps_the_name():
     assert names(trial("vpg"), other()) == ["vpg gamma=0.99", "vpg gamma=0.9"]
+
+
+def own(**changes):
+    """A trial of `vpg` with the settings of the table of algorithms."""
+    settings = json.dumps({"environment": "e", **zoo.hyperparameters("vpg", "fp")})
+    return trial("vpg", settings=settings, **changes)
+
+
+@pytest.mark.parametrize("n", [3, 4, 11])
+def test_the_settings_of_the_table_of_algorithms_keep_the_name_however_many_trials_others_have(n):
+    found = names(*(own(seed=seed) for seed in range(3)), *(other(seed=seed) for seed in range(n)))
+    assert found[:3] == ["vpg"] * 3 and not {"vpg"} & {*found[3:]}
+
+
+def test_trials_with_less_than_the_budget_do_not_take_the_name():
+    short = [own(seed=seed, steps=640, configuration="00000002") for seed in range(4)]
+    assert names(own(), *short) == ["vpg"] + ["vpg steps=640"] * 4
+
+
+def test_every_trial_of_the_grid_has_the_settings_of_the_table_of_algorithms():
+    """So that no other trial can take the name of one of its rows."""
+    trials = tables.read(GRID).trials
+    learned = trials[trials["steps"] > 0]
+    assert len(learned) and (learned.apply(agents._alike, axis=1) == 3).all()
 
 
 def test_many_settings_are_a_digest_and_steps_are_one_of_them():

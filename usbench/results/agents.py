@@ -4,8 +4,10 @@ import json
 
 import pandas as pd
 
-from usbench.results.tables import digest
-from usbench.tasks import PAPER
+from usbench.agents.zoo import ZOO
+from usbench.records import TrialConfig
+from usbench.results.tables import digest, n_frames
+from usbench.tasks import PAPER, row_of
 
 # Settings that a name spells out; a name with more of them has a digest in their place.
 SPELLED = 2
@@ -15,9 +17,11 @@ def named(trials: pd.DataFrame) -> pd.DataFrame:
     """Return the trials with a column `agent`: the row of the leaderboard to which each belongs.
 
     An agent is named after its algorithm. Where trials of an algorithm in one cell have several
-    configurations, the one that fills most cells keeps the name, of several such the one with most finished
-    trials; others are named by the settings in which they differ from it, for example "vpg gamma=0.9". Of
-    configurations that fill equally much, none keeps the name. The paper's tasks count apart from others.
+    configurations, the one that fills most cells keeps the name. Of several such it is the one with the
+    settings of the table of algorithms, then the one with most finished trials: whoever adds trials with
+    other settings, however many, does not take the name. Other configurations are named by the settings in
+    which they differ from it, for example "vpg gamma=0.9". Of configurations that are equal in all this,
+    none keeps the name. The paper's tasks count apart from others.
     """
     names = trials["algo"].copy()
     for (algo, _), own in trials.groupby([trials["algo"], trials["task"].isin(PAPER)]):
@@ -38,10 +42,10 @@ def _names(algo: str, own: pd.DataFrame) -> pd.Series:
     names = pd.Series(algo, index=own.index)
     for _, cell in own.groupby(["task", "noise"]):
         found = {name: rows for name, rows in cell.groupby("configuration")}
-        rank = {
-            name: (*filled.get(rows["kind"].iloc[0], (0, 0)), rows["done"].sum())
-            for name, rows in found.items()
-        }
+        rank = {}
+        for name, rows in found.items():
+            n_cells, n_trials = filled.get(rows["kind"].iloc[0], (0, 0))
+            rank[name] = (n_cells, _alike(rows.iloc[0]), n_trials, rows["done"].sum())
         first, *others = sorted(found, key=lambda name: rank[name], reverse=True)
         tied = [name for name in others if rank[name] == rank[first]]
         for name in others:
@@ -49,6 +53,21 @@ def _names(algo: str, own: pd.DataFrame) -> pd.Series:
         if tied:
             names[found[first].index] = f"{algo} {_difference(found[first], found[tied[0]]) or first}"
     return names
+
+
+def _alike(trial: pd.Series) -> int:
+    """Return in how many of its hyperparameters, steps and frames a trial is as the table of algorithms has it.
+
+    A network beside the paper's is part of the algorithm's name and has the same hyperparameters.
+    """
+    row = ZOO.get(trial["algo"].partition("+")[0])
+    if row is None:
+        return 0
+    settings = json.loads(trial["settings"])
+    wanted = {**row.hyperparameters, **row.tasks.get(trial["task"], {})}
+    same = all(settings.get(name) == value for name, value in wanted.items())
+    as_usual = n_frames(trial["settings"]) == TrialConfig.n_frames
+    return sum(map(int, (same, trial["steps"] == row_of(trial["task"]).steps, as_usual)))
 
 
 def _difference(rows: pd.DataFrame, others: pd.DataFrame) -> str:
