@@ -40,7 +40,7 @@ def test_trials_go_to_the_tables_of_their_settings_with_the_reference_policies()
     assert list(found) == ["grid", "single-frames", "second-network", "long"]
     assert set(found["grid"].trials["trial"]) == {row["trial"] for row in GRID}
     assert set(found["single-frames"].trials["trial"]) == {row["trial"] for row in SINGLE}
-    oracle = {"fp-p0-oracle-s0"}
+    oracle = {"fp-p0-oracle-s100"}
     assert set(found["second-network"].trials["trial"]) == {row["trial"] for row in SECOND} | oracle
     assert set(found["long"].trials["trial"]) == {row["trial"] for row in FOUR} | oracle
     assert all(set(own.curves["trial"]) == set(own.trials["trial"]) for own in found.values())

@@ -16,7 +16,7 @@ from usbench.setting import Setting
 
 
 def rows_of(*scores):
-    rows = [(f"pp-p0-vpg-s{seed}", "pp-random", 56, score, -9.0, 0.5) for seed, score in enumerate(scores)]
+    rows = [(f"pp-p0-vpg-s{seed}", "pp-random", 56, score, -9.0, 0.5) for seed, score in enumerate(scores, 100)]
     return pd.DataFrame(rows, columns=list(held_out.COLUMNS))
 
 
@@ -98,7 +98,7 @@ def test_without_a_trial_on_one_phantom_there_is_nothing_to_test(tmp_path):
 
 
 def test_what_was_tested_is_kept_when_a_later_test_fails(tmp_path, monkeypatch):
-    names = ["pp-p0-vpg-s0", "pp-p0-vpg-s1", "pp-p0-vpg-s2"]
+    names = ["pp-p0-vpg-s100", "pp-p0-vpg-s101", "pp-p0-vpg-s102"]
     for name in names:
         (tmp_path / name).mkdir()
         (tmp_path / name / records.TRIAL).touch()
@@ -117,7 +117,7 @@ def test_what_was_tested_is_kept_when_a_later_test_fails(tmp_path, monkeypatch):
         transfer.write(tmp_path, tmp_path)
     assert list(held_out.read(tmp_path)["trial"]) == names[:1]
     shutil.rmtree(tmp_path / names[2])
-    with pytest.raises(ConfigurationError, match=r"1 of 2 trials to test are not in .*, as pp-p0-vpg-s2"):
+    with pytest.raises(ConfigurationError, match=r"1 of 2 trials to test are not in .*, as pp-p0-vpg-s102"):
         transfer.write(tmp_path, tmp_path)
     tables.write(made(*seeds("vpg", [0.8, 0.9], task="pp")), tmp_path)
     with pytest.raises(RuntimeError, match=r"1 of 1 trials cannot be tested, as its model is broken\."):

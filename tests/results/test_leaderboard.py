@@ -120,7 +120,7 @@ def test_other_tasks_have_a_table_of_their_own():
         "## Stability of ranks: the other tasks",
     ]
     assert "is not in the table" not in text
-    assert "The highest score over the only cell is that of `a2c`, 0.60" in text.split("\n\n")[1]
+    assert "(fp, noise 0) is that of `a2c`, 0.60" in text.split("\n\n")[1]
 
 
 def test_environments_with_exact_returns_of_their_own_are_said():

@@ -68,7 +68,7 @@ def test_budget_and_task_decide_what_is_of_the_table(task, steps, wanted):
 def test_trials_stand_beside_the_reference_policies_of_their_cells():
     found = further.split(ALL)
     assert list(found) == [further.GRID, unseen.NAME]
-    beside = {"fp-random-p0-oracle-s0", "pp-random-p0-oracle-s0", TRACKED["trial"]}
+    beside = {"fp-random-p0-oracle-s100", "pp-random-p0-oracle-s100", TRACKED["trial"]}
     assert set(found[unseen.NAME].trials["trial"]) == {row["trial"] for row in OWN} | beside
     assert set(found[further.GRID].trials["trial"]) == {row["trial"] for row in GRID}
 

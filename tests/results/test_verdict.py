@@ -34,10 +34,10 @@ def test_reference_policies_alone_answer_nothing():
 def test_another_is_better():
     first, second, third = sentences(*seeds("vpg", MIDDLE), *seeds("ppo", HIGH), *seeds("a2c", LOW))
     assert first.startswith("`ppo` has the highest score, 0.92 [0.9")
-    assert "over the only cell with 5 seeds (0 is a random agent, 1 the optimum)" in first
+    assert "over 1 of the 6 cells of the protocol (fp, noise 0) with 5 seeds (0 is a random" in first
     assert first.endswith("`vpg` and `a2c` lie below it")
     assert second.startswith(
-        "Other methods do better than the paper's vanilla policy gradient (`vpg`, 0.70 ["
+        "There, other methods do better than the paper's vanilla policy gradient (`vpg`, 0.70 ["
     )
     assert "`ppo` lies above it, `a2c` lies below it" in second
     assert second.endswith("a trial of `ppo` beats one of `vpg` with probability 1.00 [1.00, 1.00]")
@@ -47,7 +47,7 @@ def test_another_is_better():
 def test_its_own_is_best():
     first, second, _ = sentences(*seeds("vpg", HIGH), *seeds("ppo", LOW), *seeds("a2c", MIDDLE))
     assert first.startswith("`vpg` has the highest score")
-    assert second.startswith("No other method does better than the paper's vanilla policy gradient")
+    assert second.startswith("There, no other method does better than the paper's vanilla policy gradient")
     assert "`a2c` and `ppo` lie below it" in second
     assert second.endswith("a trial of `a2c` beats one of `vpg` with probability 0.00 [0.00, 0.00]")
 
@@ -104,8 +104,31 @@ def test_few_seeds_are_a_first_look(n):
     first, second, _ = sentences(*seeds("vpg", LOW[:n]), *seeds("ppo", HIGH[:n]))
     number = "1 seed" if n == 1 else f"{n} seeds"
     assert first == f"A first look and no ranking: {number} where 5 are the least"
-    assert second.startswith("The highest score over the only cell is that of `ppo`, 0.9")
+    assert second.startswith("The highest score over 1 of the 6 cells of the protocol (fp, noise 0) is")
     assert second.endswith("whether other methods do better than the paper's vanilla policy gradient is open")
+
+
+@pytest.mark.parametrize("seed", [7, 1000])
+def test_seeds_that_settings_may_have_been_chosen_on_are_a_first_look(seed):
+    trials = [*seeds("vpg", LOW), *seeds("ppo", HIGH), trial("ppo", 0.9, seed=seed)]
+    first, second, _ = sentences(*trials)
+    assert first.endswith(f"no ranking: seeds that are not kept for comparisons ({seed})")
+    assert second.endswith("is open")
+
+
+def test_all_cells_of_the_protocol_and_cells_beside_it_are_counted():
+    whole = [(task, noise) for task in ("fp", "pp") for noise in (0.0, 0.25, 0.5)]
+    for cells, words in (
+        (whole, "over 6 cells with"),
+        (whole[1:3], "over 2 of the 6 cells of the protocol (fp, noise 0.25; fp, noise 0.5) with"),
+        ([("fp", 0.1)], "over the only cell with"),
+        ([*whole, ("pp", 0.1)], "over 7 cells with"),
+    ):
+        trials = [one for task, noise in cells for one in seeds("vpg", LOW, task=task, noise=noise)]
+        others = [one for task, noise in cells for one in seeds("ppo", HIGH, task=task, noise=noise)]
+        first, second, _ = sentences(*trials, *others)
+        assert words in first
+        assert second.startswith("There, other" if "of the 6" in words else "Other")
 
 
 def test_a_short_budget_is_a_first_look():
@@ -126,10 +149,10 @@ def test_agents_with_few_seeds_beside_others_wait():
 
 def test_missing_trials_are_said():
     first, second, _ = sentences(
-        *seeds("vpg", LOW), *seeds("ppo", HIGH), trial("ppo", seed=5, status="missing"), trial("oracle", 1.0)
+        *seeds("vpg", LOW), *seeds("ppo", HIGH), trial("ppo", seed=105, status="missing"), trial("oracle", 1.0)
     )
     assert first.startswith("So far (10 of 11 trials are finished) `ppo` has the highest score")
-    assert second.startswith("Other methods do better")
+    assert second.startswith("There, other methods do better")
 
 
 @pytest.mark.parametrize(

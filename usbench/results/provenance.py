@@ -8,7 +8,7 @@ import pandas as pd
 from usbench import seed_pools
 from usbench.results.agents import named
 from usbench.results.protocol import further, unseen
-from usbench.results.scores import CELL, Cell, cells_of, environments
+from usbench.results.scores import CELL, Cell, environments
 from usbench.results.text import code
 from usbench.tasks import row_of
 
@@ -47,35 +47,40 @@ def _commands_of(name: str, own: pd.DataFrame) -> list[str]:
 
 
 def commands(trials: pd.DataFrame) -> list[str]:
-    """Return the comparisons that make these trials, none where they are not whole comparisons.
+    """Return the comparisons that make these trials.
 
+    An algorithm on a task is left out where no comparison makes its trials: they are other seeds than the
+    first ones of the comparison's pool, have holes, or settings that are not those of the algorithm's row.
     Agents that do not learn are in every comparison without being named.
     """
-    learning = trials[trials["steps"] > 0]
-    if trials.duplicated([*CELL, "algo", "seed"]).any():
-        return []
     tasks_of: dict[tuple[str, str], list[str]] = defaultdict(list)
-    for (algo, task), own in learning.groupby(["algo", "task"]):
-        seeds, noises, steps = (sorted(set(own[name])) for name in ("seed", "noise", "steps"))
-        # Comparisons of earlier versions count their seeds from 0.
-        first = seeds[0] if seeds[0] == seed_pools.own().comparison.first else 0
-        if seeds != list(range(first, first + len(seeds))) or len(own) != len(seeds) * len(noises) * len(
-            steps
-        ):
-            return []
-        options = f"--noise {' '.join(f'{noise:g}' for noise in noises)} --seeds {len(seeds)}"
-        if steps != [row_of(task).steps]:
-            options += f" --steps {steps[0]}"
-        tasks_of[algo, options].append(task)
+    for (algo, task), own in _rows(trials).groupby(["algo", "task"]):
+        if options := _options(str(task), own):
+            tasks_of[str(algo), options].append(str(task))
     algos_of: dict[tuple[str, str], list[str]] = defaultdict(list)
     for (algo, options), tasks in tasks_of.items():
         algos_of[" ".join(tasks), options].append(algo)
-    if cells_of(learning) != cells_of(trials):
-        return []
     return [
         f"usbench compare --algos {' '.join(algos)} --tasks {tasks} {options}"
         for (tasks, options), algos in algos_of.items()
     ]
+
+
+def _rows(trials: pd.DataFrame) -> pd.DataFrame:
+    """Return the trials that learned and are in the row of their algorithm."""
+    own = named(trials)
+    return own[(own["steps"] > 0) & (own["agent"] == own["algo"])]
+
+
+def _options(task: str, own: pd.DataFrame) -> str:
+    """Return the options of the comparison that makes an algorithm's trials on a task, "" if none does."""
+    seeds, noises, steps = (sorted(set(own[name])) for name in ("seed", "noise", "steps"))
+    first = seed_pools.own().comparison.first
+    whole = seeds == list(range(first, first + len(seeds)))
+    if not whole or len(steps) > 1 or len(own) != len(seeds) * len(noises):
+        return ""
+    options = f"--noise {' '.join(f'{noise:g}' for noise in noises)} --seeds {len(seeds)}"
+    return options if steps == [row_of(task).steps] else f"{options} --steps {steps[0]}"
 
 
 def notes(trials: pd.DataFrame) -> list[str]:
@@ -169,8 +174,9 @@ def _pools(trials: pd.DataFrame) -> list[str]:
     if not others:
         return []
     return [
-        f"These seeds are not kept for comparisons, as {pool} are: {', '.join(map(str, others))}. Trials "
-        "with such seeds from before 2026-11-23 have wall times in place of CPU times."
+        f"These seeds are not kept for comparisons, as {pool} are, so that settings may have been chosen on "
+        f"them: {', '.join(map(str, others))}. Trials with such seeds from before 2026-11-23 were made by "
+        "an earlier version, which no command above repeats, and have wall times in place of CPU times."
     ]
 
 

@@ -8,8 +8,10 @@ from dataclasses import dataclass
 
 import pandas as pd
 
+from usbench import seed_pools
 from usbench.results import held_out, ranking, scores
 from usbench.results.agents import named
+from usbench.results.protocol import further
 from usbench.results.tables import Results
 from usbench.results.text import capital, code, interval, names, pairs_of
 from usbench.tasks import PAPER, row_of
@@ -58,7 +60,8 @@ class _Ranked:
 def text(known: Results, tested: pd.DataFrame | None = None) -> str:
     """Return the first paragraph of a leaderboard: whose score is highest, and how others compare with `vpg`.
 
-    With fewer than `ranking.MIN_SEEDS` seeds, or a shorter budget than a task's, it only names scores.
+    With fewer than `ranking.MIN_SEEDS` seeds, a shorter budget than a task's, or seeds that are not kept for
+    comparisons, it only names scores.
 
     Args:
         known: The results, of which the paper's tasks count where there are others.
@@ -79,16 +82,16 @@ def text(known: Results, tested: pd.DataFrame | None = None) -> str:
     so_far = (
         f"so far ({finished} of {len(learning)} trials are finished) " if finished < len(learning) else ""
     )
-    n_cells = next(iter(kept.values())).shape[1]
-    where = "the only cell" if n_cells == 1 else f"{n_cells} cells"
+    cells = scores.cells_of(learning)
     table = ranking.overall(kept).set_index("agent")
-    reasons = [*_short(learning, kept), *([] if enough else [_few(waiting)])]
+    reasons = [*_short(learning, kept), *([] if enough else [_few(waiting)]), *_seen(learning, kept)]
+    where = _where(cells)
     if reasons:
         sentences = [_first_look(table, reasons, where)]
     else:
         pairs = ranking.improvement(kept)
         ranked = _Ranked(table, ranking.above(pairs), pairs)
-        sentences = [_highest(ranked, where), *_against_the_papers_own(ranked)]
+        sentences = [_highest(ranked, where), *_against_the_papers_own(ranked, _is_part(cells))]
         named_here = {str(table.index[0]), PAPERS_OWN, PAPERS_OWN_TUNED}
         fewer = [two for two in sorted(ranking.above_by_cells_alone(pairs)) if named_here & {*two}]
         if fewer:
@@ -109,6 +112,26 @@ def _short(learning: pd.DataFrame, agents: Collection[str]) -> list[str]:
         if steps < row_of(task).steps
     ]
     return [f"training was cut short ({', '.join(cut)})"] if cut else []
+
+
+def _seen(learning: pd.DataFrame, agents: Collection[str]) -> list[str]:
+    """Return in words which seeds of `agents` settings may have been chosen on."""
+    own, pool = named(learning), seed_pools.own().comparison
+    others = sorted({seed for seed in own.loc[own["agent"].isin(agents), "seed"] if seed not in pool})
+    return [f"seeds that are not kept for comparisons ({', '.join(map(str, others))})"] if others else []
+
+
+def _is_part(cells: Sequence[scores.Cell]) -> bool:
+    """Return whether `cells` are some of the grid of the protocol, and not all of them."""
+    return set(cells) < further.grid_cells()
+
+
+def _where(cells: Sequence[scores.Cell]) -> str:
+    """Return in words over which cells scores are."""
+    if _is_part(cells):
+        listed = "; ".join(cell.name for cell in cells)
+        return f"{len(cells)} of the {len(further.grid_cells())} cells of the protocol ({listed})"
+    return "the only cell" if len(cells) == 1 else f"{len(cells)} cells"
 
 
 def _few(waiting: dict[str, int]) -> str:
@@ -139,7 +162,7 @@ def _highest(ranked: _Ranked, where: str) -> str:
     return f"{code(best)} has the highest score, {score}; {ranked.beside(others, best)}."
 
 
-def _against_the_papers_own(ranked: _Ranked) -> list[str]:
+def _against_the_papers_own(ranked: _Ranked, in_part: bool) -> list[str]:
     agents = [str(agent) for agent in ranked.table.index]
     if PAPERS_OWN not in agents:
         return [f"{OPEN}: `{PAPERS_OWN}` lacks finished trials in some cell, or seeds."]
@@ -147,11 +170,11 @@ def _against_the_papers_own(ranked: _Ranked) -> list[str]:
     others = [agent for agent in agents if agent.split()[0] not in (PAPERS_OWN, PAPERS_OWN_TUNED)]
     if not others:
         return [f"{OPEN}: no other has enough finished trials in every cell."]
-    own = f"(`{PAPERS_OWN}`, {ranked.score(PAPERS_OWN)})"
+    own, there = f"(`{PAPERS_OWN}`, {ranked.score(PAPERS_OWN)})", "there, " if in_part else ""
     if any((one, PAPERS_OWN) in ranked.above for one in others):
-        verdict = f"{BETTER} {own}"
+        verdict = f"{there}{BETTER} {own}"
     elif all((PAPERS_OWN, one) in ranked.above for one in others):
-        verdict = f"{NONE_BETTER} {own}"
+        verdict = f"{there}{NONE_BETTER} {own}"
     else:
         verdict = f"whether {BETTER} {own} cannot be told from these seeds"
     pair = ranked.pairs.set_index(["agent", "other"]).loc[(others[0], PAPERS_OWN)]

@@ -74,6 +74,12 @@ def names() -> tuple[str, ...]:
     return tuple(_frames_of_references())
 
 
+def grid_cells() -> frozenset[tuple[str, float]]:
+    """Return the cells of the grid, each a task and a noise."""
+    known = _default()
+    return frozenset((task, noise) for task in known.tasks for noise in known.noises)
+
+
 def describe(name: str) -> str:
     """Return in sentences how a further table differs from the grid."""
     if name == unseen.NAME:
