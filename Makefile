@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: help check-site check-links check-docker run task-pages test test-extras test-faults slow lint format typecheck bench-sim bench-vector bench-train compare leaderboard search coverage paper ceilings unseen figures failures scores verify-submission release-agents docs clean
+.PHONY: help check-site check-links check-docker run task-pages test test-extras test-released test-faults slow lint format typecheck bench-sim bench-vector bench-train compare leaderboard search coverage paper ceilings unseen figures failures scores verify-submission release-agents docs clean
 .DEFAULT_GOAL := help
 
 help:  ## show the jobs
@@ -40,6 +40,9 @@ test-extras: $(STAMP)  ## install what some tests need beside the package: Weigh
 
 slow: $(STAMP)  ## run the slow tests (learning, timing)
 	$(BIN)/python -m pytest -m slow
+
+test-released: $(STAMP)  ## play the trained agents of the package whose frames have to be simulated (5 minutes)
+	$(BIN)/python -m pytest -m slow tests/test_released.py
 
 test-faults: $(STAMP)  ## kill, corrupt, interrupt and starve trials (minutes long; as root also full disks)
 	$(BIN)/python -m pytest -m faults -s tests/faults

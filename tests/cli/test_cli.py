@@ -141,6 +141,10 @@ def test_list_shows_everything_about_one(capsys, name, said):
     assert all(words in shown for words in said)
 
 
+def test_list_says_what_a_trained_agent_is(capsys):
+    assert "a trained agent that comes with the package" in refusal(capsys, "list", "best:pp")
+
+
 def test_list_refuses_an_unknown_name_with_the_closest(capsys):
     assert "did you mean 'qrdqn'?" in refusal(capsys, "list", "qdqn")
 

@@ -45,6 +45,8 @@ def test_a_long_name_folds_and_numbers_stay_whole(quick, tmp_path, monkeypatch, 
     words = " ".join(told.split())
     assert "success rate: share of the episodes whose last pose is the goal" in words
     assert "Nothing was learned in 512 steps: the first update comes after 2048 (n_steps)." in words
+    # The guide runs no code of a trial's algorithm.
+    assert out.splitlines()[-1].strip().startswith("usbench report ")
 
 
 def test_exploration_is_no_row_of_scores(quick, tmp_path):
@@ -106,6 +108,12 @@ def test_a_trial_ends_with_the_next_two_commands(finished, capsys):
     *_, first, second = capsys.readouterr().out.splitlines()
     assert first.split(None, 1) == ["next:", f"usbench watch {finished}"]
     assert second.strip() == f"usbench guide {finished}"
+
+
+def test_what_the_guide_would_refuse_is_shown_in_a_report(quick, tmp_path, capsys):
+    folder = runner.run_trial(resolve("random", "pp"), tmp_path).folder
+    trial_output.print_trial(folder, {})
+    assert capsys.readouterr().out.splitlines()[-1].strip() == f"usbench report {folder}"
 
 
 def test_the_set_of_training_phantoms_is_told_before_and_after(quick, tmp_path, capsys):

@@ -148,7 +148,7 @@ def test_comparison_from_end_to_end_and_the_same_bytes_once_more(here, capsys):
 
 
 def test_leaderboard_without_tables_is_refused_in_one_sentence(here, capsys):
-    assert cli.main(["leaderboard"]) == 1
+    assert cli.main(["leaderboard"]) == 2
     error = capsys.readouterr().err
     assert "no trials.csv in 'leaderboard_files'" in error and error.count("\n") == 1
 
@@ -252,7 +252,7 @@ def test_without_tables_trials_are_added_to_those_that_come_with_the_package(
 
 
 def test_report_of_nothing_is_refused_in_one_sentence(here, capsys):
-    assert cli.main(["compare", *FLOOR, "--report-only", "--out", "none"]) == 1
+    assert cli.main(["compare", *FLOOR, "--report-only", "--out", "none"]) == 2
     error = capsys.readouterr().err
     assert "there is no folder 'none' with trials" in error and error.count("\n") == 1
 

@@ -16,7 +16,9 @@ from usbench.setting import Setting
 
 
 def rows_of(*scores):
-    rows = [(f"pp-p0-vpg-s{seed}", "pp-random", 56, score, -9.0, 0.5) for seed, score in enumerate(scores, 100)]
+    rows = [
+        (f"pp-p0-vpg-s{seed}", "pp-random", 56, score, -9.0, 0.5) for seed, score in enumerate(scores, 100)
+    ]
     return pd.DataFrame(rows, columns=list(held_out.COLUMNS))
 
 

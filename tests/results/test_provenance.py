@@ -137,8 +137,9 @@ def test_different_versions_and_frames_are_said():
 
 def test_version_that_only_some_recorded_is_said():
     trials = [*seeds("vpg", [0.5] * 2), trial("vpg", seed=102, versions="")]
-    assert "Versions of torch differ between trials: 2.5 in 2, not recorded in 1 (`fp-p0-vpg-s102`)." in notes(
-        *trials
+    assert (
+        "Versions of torch differ between trials: 2.5 in 2, not recorded in 1 (`fp-p0-vpg-s102`)."
+        in notes(*trials)
     )
 
 

@@ -149,7 +149,10 @@ def test_agents_with_few_seeds_beside_others_wait():
 
 def test_missing_trials_are_said():
     first, second, _ = sentences(
-        *seeds("vpg", LOW), *seeds("ppo", HIGH), trial("ppo", seed=105, status="missing"), trial("oracle", 1.0)
+        *seeds("vpg", LOW),
+        *seeds("ppo", HIGH),
+        trial("ppo", seed=105, status="missing"),
+        trial("oracle", 1.0),
     )
     assert first.startswith("So far (10 of 11 trials are finished) `ppo` has the highest score")
     assert second.startswith("There, other methods do better")

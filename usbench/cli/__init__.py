@@ -112,7 +112,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         from usbench.records import ConfigurationError
 
         print(f"usbench: error: {' '.join(str(error).split())}", file=sys.stderr)
-        return REFUSED if isinstance(error, ConfigurationError) else FAILED
+        # Whoever names a folder or file that is not there is told so, as of any other wrong value.
+        return REFUSED if isinstance(error, (ConfigurationError, FileNotFoundError)) else FAILED
     return DONE
 
 

@@ -68,12 +68,17 @@ def _one(name: str) -> Table:
     Raises:
         ConfigurationError: If there is none of that name; the message says the closest.
     """
-    from usbench import suite
+    from usbench import released, suite
     from usbench.agents import plugins, zoo
     from usbench.checks import ConfigurationError, unknown
 
     if name in suite.TASKS:
         return _task(name)
+    if name in released.names():
+        raise ConfigurationError(
+            f"{name!r} is neither algorithm nor task but a trained agent that comes with the package: "
+            f"usbench watch {name}."
+        )
     if name not in zoo.ZOO and ":" not in name and "+" not in name and name not in plugins.registered():
         known = [*zoo.ZOO, *plugins.registered(), *suite.TASKS]
         raise ConfigurationError(str(unknown("algorithm or task", name, known)))

@@ -4,7 +4,6 @@ Its parts follow Mitchell et al., "Model Cards for Model Reporting" (2019): what
 what, how it was evaluated, how it was trained, and what it cannot do.
 """
 
-import textwrap
 from collections.abc import Iterable, Sequence
 
 import numpy as np
@@ -16,13 +15,12 @@ from usbench import records, seed_pools
 from usbench.agents.zoo import entry
 from usbench.records import Trial, TrialConfig
 from usbench.results import held_out, published
+from usbench.results.text import in_lines
 from usbench.setting import Setting
 from usbench.trials.configuration import resolve
 
 N_RESAMPLES = 10_000
 N_WORST = 3
-# Columns of a line of code, indent and backslash apart.
-WIDEST = 72
 
 
 def text(trial: Trial, name: str, scores: Sequence[tuple[str, int, float]], weights: str) -> str:
@@ -121,15 +119,10 @@ def _training(trial: Trial) -> str:
     versions = ", ".join(f"{name} {version}" for name, version in sorted(trial.versions.items()))
     return (
         f"{config.steps} steps without noise, {minutes:.1f} minutes on one core:\n\n"
-        f"```\n{_in_lines(' '.join(['usbench run', *options(config)]))}\n```\n\n"
+        f"```\n{in_lines(' '.join(['usbench run', *options(config)]))}\n```\n\n"
         f"Hyperparameters: {settings}. Versions: {versions}.\n\nThe learning curve, greedy actions:\n\n"
         + _table(("step", "score"), [(str(step), f"{score:.3f}") for step, score in curve.items()])
     )
-
-
-def _in_lines(command: str) -> str:
-    """Return a command over as many lines as a site shows without scrolling, for the shell to join again."""
-    return " \\\n    ".join(textwrap.wrap(command, WIDEST, break_long_words=False, break_on_hyphens=False))
 
 
 def options(config: TrialConfig) -> list[str]:

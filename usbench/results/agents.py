@@ -56,7 +56,7 @@ def _names(algo: str, own: pd.DataFrame) -> pd.Series:
 
 
 def _alike(trial: pd.Series) -> int:
-    """Return in how many of its hyperparameters, steps and frames a trial is as the table of algorithms has it.
+    """Return how many of hyperparameters, steps and frames are those of the table of algorithms.
 
     A network beside the paper's is part of the algorithm's name and has the same hyperparameters.
     """

@@ -9,7 +9,7 @@ from usbench import seed_pools
 from usbench.results.agents import named
 from usbench.results.protocol import further, unseen
 from usbench.results.scores import CELL, Cell, environments
-from usbench.results.text import code
+from usbench.results.text import code, in_lines
 from usbench.tasks import row_of
 
 NAMED = 3
@@ -29,7 +29,7 @@ def making(trials: pd.DataFrame) -> str:
     lines = [line for name, own in further.tables_of(trials).items() for line in _commands_of(name, own)]
     if len(lines) > 1:
         lines.append("usbench leaderboard --runs runs")
-    parts = ["\n".join(["```", *lines, "```"])] if lines else []
+    parts = ["\n".join(["```", *map(in_lines, lines), "```"])] if lines else []
     parts.append(
         f"{len(finished)} of {len(trials)} trials are finished. One after another they took {hours:.2f} "
         f"hours on one core, {training:.2f} of them training."

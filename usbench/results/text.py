@@ -1,5 +1,6 @@
 """Numbers, names and tables as Markdown."""
 
+import textwrap
 from collections.abc import Sequence
 from typing import Any
 
@@ -8,6 +9,8 @@ import pandas as pd
 DASH = "–"
 # What needs no escape within HTML or Markdown, beside letters and digits.
 PLAIN = " =.,:;-+/"
+# Columns of a line of code, indent and backslash apart.
+WIDEST = 72
 
 
 def number(value: Any, digits: int) -> str:
@@ -66,3 +69,8 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 def folded(summary: str, body: str) -> str:
     """Return Markdown that is folded under a summary of plain words."""
     return f"<details>\n<summary>{summary}</summary>\n\n{body}\n\n</details>"
+
+
+def in_lines(command: str) -> str:
+    """Return a command over as many lines as a site shows without scrolling, for the shell to join again."""
+    return " \\\n    ".join(textwrap.wrap(command, WIDEST, break_long_words=False, break_on_hyphens=False))

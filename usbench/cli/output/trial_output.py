@@ -172,9 +172,13 @@ def print_trial(folder: Path, figures: dict[str, Path]) -> None:
     for name, path in {"trial folder": folder, **figures}.items():
         print(f"{name + ':':<16}{path}")
     print(f"{'next:':<16}usbench watch {folder}")
-    # The guide shows tasks that move the probe.
-    moves = "final_distance_mm" not in row_of(Trial.read(folder).config.task).silent
-    print(f"{'':<16}usbench {'guide' if moves else 'report'} {folder}")
+    print(f"{'':<16}usbench {'guide' if _is_guided(Trial.read(folder).config) else 'report'} {folder}")
+
+
+def _is_guided(config: TrialConfig) -> bool:
+    """Return whether the guide takes it: a learner of this package, on a task that moves the probe."""
+    moves = "final_distance_mm" not in row_of(config.task).silent
+    return moves and config.steps > 0 and config.algo.partition("+")[0] in zoo.ZOO
 
 
 def duration(seconds: float) -> str:
