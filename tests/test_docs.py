@@ -1,6 +1,7 @@
 """The pages of the documentation name what exists: every link leads somewhere, every dotted name is there."""
 
 import importlib
+import json
 import re
 from pathlib import Path
 
@@ -20,6 +21,8 @@ PAGES = [
 WIDEST = 78
 # Leads to the repository's own page of a job, wherever the repository is.
 ACTIONS = "../../actions/"
+NOTEBOOKS = sorted((ROOT / "docs").glob("*.ipynb"))
+BOARDS = [ROOT / "leaderboard.md", *sorted((ROOT / "tables").glob("*/leaderboard.md"))]
 CARDS = sorted((ROOT / "usbench" / "trained").glob("*/card.md"))
 PACKAGES = {"usbench": "usbench", "usbench.envs": "envs", "usbench.agents": "agents"}
 # Names of groups of entry points, which look like modules.
@@ -89,10 +92,16 @@ def blocks(page, kind):
     return re.findall(rf"^```{kind}\n(.*?)^```", page.read_text(), re.DOTALL | re.MULTILINE)
 
 
-@pytest.mark.parametrize("page", [*PAGES, *CARDS], ids=lambda page: str(page.relative_to(ROOT)))
+@pytest.mark.parametrize(
+    "page", [*PAGES, *CARDS, *BOARDS, *NOTEBOOKS], ids=lambda page: str(page.relative_to(ROOT))
+)
 def test_code_blocks_are_not_wider_than_what_is_shown(page):
-    fenced = re.findall(r"^```[^\n]*\n(.*?)^```", page.read_text(), re.DOTALL | re.MULTILINE)
-    wide = [line for block in fenced for line in block.split("\n") if len(line) > WIDEST]
+    if page in NOTEBOOKS:
+        cells = json.loads(page.read_text())["cells"]
+        shown = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
+    else:
+        shown = re.findall(r"^```[^\n]*\n(.*?)^```", page.read_text(), re.DOTALL | re.MULTILINE)
+    wide = [line for block in shown for line in block.split("\n") if len(line) > WIDEST]
     assert wide == []
 
 
