@@ -30,6 +30,14 @@ def test_other_tasks_have_none(task):
     assert ceiling(task, ()) is None
 
 
+def test_whoever_is_told_less_is_bound_by_whoever_is_told_more():
+    assert ceilings.bound("pp-random", ("heading",)) == ceiling("pp-random", ("heading",))
+    assert ceilings.bound("exam-tracked", ("heading",), 0.25) == ceiling("exam-tracked", noise=0.25)
+    assert ceilings.bound("fp-random") == ceiling("fp-random", ("position", "focus"))
+    assert ceilings.bound("pp-random", ("focus",)) is None
+    assert ceilings.bound("exam-random", noise=0.1) is None and ceilings.bound("pp") is None
+
+
 @pytest.mark.parametrize("task", ceilings.TASKS)
 def test_the_senses_of_a_task_are_those_of_its_environment(task):
     assert ceilings.TASKS[task] == pkgutil.resolve_name(row_of(task).entry_point).default_senses

@@ -35,6 +35,23 @@ def ceiling(task: str, senses: Iterable[str] | None = None, noise: float = 0.0) 
     return _table().get((task, frozenset(told) - {ACTIONS}, float(noise)))
 
 
+def bound(task: str, senses: Iterable[str] | None = None, noise: float = 0.0) -> float | None:
+    """Return a score that no policy exceeds that is told `senses`; None where none is known.
+
+    It is the ceiling where that is known, else the least ceiling of those who are told all this and more:
+    whoever is told less cannot score more.
+    """
+    if task not in TASKS:
+        return None
+    told = frozenset(TASKS[task] if senses is None else senses) - {ACTIONS}
+    more = [
+        score
+        for (name, known, at), score in _table().items()
+        if (name, at) == (task, float(noise)) and told <= known
+    ]
+    return min(more, default=None)
+
+
 def taught(algo: str) -> str:
     """Return what is said of an algorithm ("name", "name+network") that is not ranked; "" of one that is."""
     return TAUGHT.get(algo.partition("+")[0], "")

@@ -9,7 +9,7 @@ from typing import Any
 
 import pandas as pd
 
-from usbench.ceilings import TASKS, ceiling
+from usbench.ceilings import TASKS, bound, ceiling
 from usbench.records import TrialConfig
 from usbench.results import tables, text
 from usbench.tasks import row_of
@@ -21,7 +21,7 @@ ABOUT = (
     "100 000 training steps that such tasks ask for, or another number beyond the grid's budget. Agents "
     "may see any number of frames, and may be told what their task tells and their own last actions: the "
     "tables of the cells say what each is told, and the ceiling, the score of the best policy that is told "
-    "the same and remembers everything. Never averaged with the grid; not of the protocol."
+    "the same and remembers everything (≤: that of a policy that is told more). Never averaged with the grid; not of the protocol."
 )
 COLUMNS = ("ceiling", "told", "frames", "steps")
 NOTHING = "nothing"
@@ -46,13 +46,20 @@ def columns(row: Mapping[str, Any], settings: Mapping[str, str]) -> list[str]:
         return [text.DASH] * len(COLUMNS)
     own = settings[row["configuration"]]
     senses = tables.senses(own)
-    known = ceiling(row["task"], senses, row["noise"])
     return [
-        text.DASH if known is None else text.number(known, 3),
+        _ceiling(row["task"], senses, row["noise"]),
         ", ".join(senses) or NOTHING,
         str(tables.n_frames(own)),
         str(row["steps"]),
     ]
+
+
+def _ceiling(task: str, senses: Iterable[str], noise: float) -> str:
+    """Return the ceiling in words: exact, or as a bound; a dash where neither is known."""
+    exact, most = ceiling(task, senses, noise), bound(task, senses, noise)
+    if exact is not None:
+        return text.number(exact, 3)
+    return text.DASH if most is None else f"≤ {text.number(most, 3)}"
 
 
 def commands(trials: pd.DataFrame) -> list[str]:
