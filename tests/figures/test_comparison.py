@@ -163,7 +163,11 @@ def test_oracle_and_ceiling_are_lines_beside_those_that_learn():
     assert [label.get_text() for label in axis.get_yticklabels()] == ["vpg"]
     (legend,) = figure.legends
     words = [text.get_text() for text in legend.get_texts()]
-    assert words == ["optimum", "oracle in these episodes", "ceiling of what agents are told, or a bound of it"]
+    assert words == [
+        "optimum",
+        "oracle in these episodes",
+        "ceiling of what agents are told, or a bound of it",
+    ]
     upright = [line.get_xdata()[0] for line in axis.lines if len(set(line.get_xdata())) == 1]
     assert {1.0, 0.98, 0.891} <= set(upright)
 

@@ -58,6 +58,7 @@ def test_the_long_way_ends_in_plane_after_more_than_a_right_angle(start_deg, ang
     )
     assert row["long_way"] == float(long_way)
     assert row["out_of_plane"] == float(angle_deg % 180 != 0)
+    assert row["half_turn"] == float(angle_deg == 180)
     assert row["one_turn_off"] == float(angle_deg in (165, 345))
     assert math.isnan(row["too_deep"])
 

@@ -14,7 +14,9 @@ from usbench.figures.cells import cell_panels
 from usbench.results.scores import CELL, Cell, value_based
 from usbench.results.tables import GREEDY, SAMPLED, Results
 
-KINDS = ("success", "beside", "too_deep", "too_shallow", "out_of_plane", "one_turn_off", "long_way")
+KINDS = (
+    "success", "beside", "too_deep", "too_shallow", "out_of_plane", "one_turn_off", "half_turn", "long_way",
+)  # fmt: skip
 # The kinds that are drawn; hatches tell them apart in a grey print.
 _LOOKS = {
     "success": {"color": "#ffffff"},
@@ -39,17 +41,18 @@ def shares(evaluations: pd.DataFrame) -> pd.DataFrame:
         A row per (task, noise, algo), with the columns `seeds`, `success`, `beside` (the final position is
         not over the object) and, for tasks that move the focus, `too_deep` and `too_shallow` (the final
         focus), for those that turn the probe, `out_of_plane` (the final angle is not the object's, nor half a
-        turn from it), `one_turn_off` (and one action would have put it in plane) and `long_way` (in plane,
-        but turned there by more than a right angle). An episode may count in several, or be NaN where a task
-        has none.
+        turn from it), `one_turn_off` (and one action would have put it in plane), `half_turn` (in plane, half
+        a turn from the object's angle) and `long_way` (in plane, but turned there by more than a right
+        angle). An episode may count in several, or be NaN where a task has none.
     """
     last = evaluations["checkpoint"] == evaluations.groupby("trial")["checkpoint"].transform("max")
     rows = evaluations[last & evaluations["deterministic"]].copy()
     focuses, turns = (rows["task"].map(_moves(name)) for name in ("focal_depth_mm", "angle_deg"))
-    x_mm, depth_mm = (_target(rows, name) for name in ("x_mm", "focal_depth_mm"))
+    x_mm, depth_mm, angle_deg = (_target(rows, name) for name in ("x_mm", "focal_depth_mm", "angle_deg"))
     in_plane = np.isclose(rows["final_sin_angle"], 0.0)
     one_off = np.isclose(rows["final_sin_angle"].abs(), sin_deg(_TURN_DEG))
     turned = (rows["final_angle_deg"] - rows["start_angle_deg"] + 180) % 360 - 180
+    beside_deg = (rows["final_angle_deg"] - angle_deg + 180) % 360 - 180
     depth = rows["final_focal_depth_mm"]
     kinds = {
         "success": rows["is_success"],
@@ -58,6 +61,7 @@ def shares(evaluations: pd.DataFrame) -> pd.DataFrame:
         "too_shallow": (depth < depth_mm).where(focuses),
         "out_of_plane": pd.Series(~in_plane, rows.index).where(turns),
         "one_turn_off": pd.Series(one_off, rows.index).where(turns),
+        "half_turn": (in_plane & (beside_deg.abs() > 90)).where(turns),
         "long_way": (in_plane & (turned.abs() > 90)).where(turns),
     }
     rows = rows.assign(**{name: kinds[name].astype(float) for name in KINDS})
