@@ -149,8 +149,8 @@ def endings(ends: pd.DataFrame) -> tuple[Sentence, Sentence]:
             "Some episodes end in the object's plane after a rotation by more than a right angle.",
             HOLDS if turned > 0 else FAILS,
             f"{100 * turned:.1f} % of the episodes turn the long way. {100 * (1 - out):.1f} % end in plane: "
-            f"{100 * (1 - out - half):.1f} % at the object's angle, and {100 * half:.1f} % at half a turn from "
-            f"it, where the object looks the same. {about('pp')}",
+            f"{100 * (1 - out - half):.1f} % at the object's angle, and {100 * half:.1f} % at half a turn "
+            f"from it, where the object looks the same. {about('pp')}",
         ),
     )
 

@@ -21,7 +21,8 @@ ABOUT = (
     "100 000 training steps that such tasks ask for, or another number beyond the grid's budget. Agents "
     "may see any number of frames, and may be told what their task tells and their own last actions: the "
     "tables of the cells say what each is told, and the ceiling, the score of the best policy that is told "
-    "the same and remembers everything (≤: that of a policy that is told more). Never averaged with the grid; not of the protocol."
+    "the same and remembers everything (≤: that of a policy that is told more). Never averaged with the "
+    "grid; not of the protocol."
 )
 COLUMNS = ("ceiling", "told", "frames", "steps")
 NOTHING = "nothing"
