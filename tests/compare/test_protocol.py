@@ -58,6 +58,17 @@ def test_seed_of_the_wrong_pool_is_refused(purpose, seed, said):
     assert said in str(refused.value)
 
 
+def test_no_pools_make_a_search_see_the_seeds_of_the_benchmark_s_comparison(tmp_path):
+    swapped = [
+        ("first = 100,", "first = 3000,"),
+        ("last = 999", "last = 3999"),
+        ("first = 1000,", "first = 100,"),
+    ]
+    path = protocols.write(tmp_path, *swapped, ("[1000]", "[100]"))
+    with pytest.raises(ConfigurationError, match="takes no seed from 100 to 999, which is kept"):
+        protocol.read(path)
+
+
 @pytest.mark.parametrize(
     ("changes", "said"),
     [

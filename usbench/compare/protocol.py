@@ -17,6 +17,7 @@ from usbench.agents.zoo import entry, winners
 from usbench.checks import unknown
 from usbench.records import ConfigurationError
 from usbench.seed_pools import PROTOCOL, STRICT, Pools, Seed
+from usbench.seed_pools import own as own_pools
 
 PATH = PROTOCOL
 Positive = Annotated[int, Ge(1)]
@@ -191,8 +192,13 @@ def _check(content: _Content) -> None:
                 f"hyperparameters: search on {suite.TASKS[name].single}."
             )
     seeds = [seed for rung in search.rungs for seed in rung.seeds]
+    kept = own_pools().comparison
     for seed in seeds:
         content.pools.check("search", seed)
+        if seed in kept:
+            raise ValueError(
+                f"a search takes no seed from {kept}, which is kept for comparisons, as {seed} is."
+            )
     if len(set(seeds)) < len(seeds):
         raise ValueError(f"the rungs share seeds ({', '.join(map(str, seeds))}): each takes others.")
     for n_before, rung in zip(
