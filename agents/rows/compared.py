@@ -18,7 +18,7 @@ TABLE_II: dict[str, Value] = {
 # Before the search, which replaces hyperparameters of its spaces.
 COMPARED: dict[str, Entry] = {
     "vpg": Entry(
-        title="the paper's vanilla policy gradient, hyperparameters of its Table II",
+        title="the paper's vanilla policy gradient, with its Table II",
         cls="usbench.agents.vpg:VPG",
         policy="CnnPolicy",
         hyperparameters=TABLE_II,

@@ -7,7 +7,7 @@ GRID = {"features_extractor_class": "usbench.agents.value_based.grid_trunk:GridT
 
 UNSEEN: dict[str, Entry] = {
     "double_dqn": Entry(
-        title="double DQN with n-step returns and exact symmetries (van Hasselt et al. 2016)",
+        title="double DQN, n-step returns, symmetries (van Hasselt 2016)",
         cls="usbench.agents.value_based.double_dqn:DoubleDQN",
         policy="MlpPolicy",
         policy_kwargs=GRID,
@@ -34,7 +34,7 @@ UNSEEN: dict[str, Entry] = {
         },
     ),
     "distilled": Entry(
-        title="student of the best policy over beliefs: a ceiling, not ranked (Ross et al. 2011)",
+        title="student of the best policy over beliefs; not ranked",
         cls="usbench.agents.taught.distilled:Distilled",
         policy="MlpPolicy",
         policy_kwargs=GRID,
@@ -72,7 +72,7 @@ UNSEEN: dict[str, Entry] = {
         },
     ),
     "ppo_asymmetric": Entry(
-        title="PPO whose critic is told the state while it learns (Pinto et al. 2017)",
+        title="PPO whose critic is told the state (Pinto et al. 2017)",
         cls="usbench.agents.asymmetric.ppo:AsymmetricPPO",
         policy="MlpPolicy",
         policy_kwargs=GRID | {"share_features_extractor": False},
@@ -94,7 +94,7 @@ UNSEEN: dict[str, Entry] = {
         },
     ),
     "belief": Entry(
-        title="classical: a recogniser, a Bayes filter over places and the oracle's votes, not ranked",
+        title="recogniser, Bayes filter and the oracle's votes; not ranked",
         cls="usbench.agents.taught.belief:BeliefAgent",
         policy="MultiInputPolicy",
         policy_kwargs={

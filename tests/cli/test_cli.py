@@ -1,6 +1,7 @@
 """The command line: exit statuses, one-sentence refusals, and a trial from end to end."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -10,6 +11,7 @@ import pytest
 from state_files import read_state
 
 from usbench import cli, records
+from usbench.agents.zoo import ZOO
 from usbench.trials import runner
 
 RUN = ["run", "--algo", "vpg", "--task", "pp", "--steps", "128"]
@@ -128,6 +130,9 @@ def test_list_shows_a_line_for_each_task_and_algorithm_in_80_columns(capsys):
     for word in ("usbench/FocalPoint-v0", "16064", "vpg", "oracle"):
         assert word in shown
     assert max(map(len, shown.splitlines())) <= 80 and "n_value_steps" not in shown
+    algorithms = shown.partition("algorithms:")[2].partition("probes,")[0]
+    for name, row in ZOO.items():
+        assert re.search(rf"^  {name} .*{re.escape(row.title)} *$", algorithms, re.MULTILINE)
 
 
 @pytest.mark.parametrize(("name", "said"), [
