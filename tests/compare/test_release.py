@@ -1,5 +1,7 @@
 """Agents that are released: the same trials give the same bytes, plain arrays act as the trial's model."""
 
+import shutil
+
 import numpy as np
 import pytest
 from quick_trials import speed_up
@@ -49,9 +51,6 @@ def could_be_released(runs):
 def test_the_same_trials_give_the_same_bytes_and_the_best_of_each_kind(runs, tmp_path):
     told = []
     first = release.write([runs], tmp_path / "one", told.append)
-    gone = tmp_path / "two" / "best-fp"
-    gone.mkdir(parents=True)
-    (gone / released.CARD).write_text("of a task that has no agent any more")
     release.write([runs], tmp_path / "two")
     assert contents(tmp_path / "one") == contents(tmp_path / "two")
     assert [folder.name for folder in first] == ["best-pp", "vpg-pp"]
@@ -63,6 +62,16 @@ def test_the_same_trials_give_the_same_bytes_and_the_best_of_each_kind(runs, tmp
     papers = [score for name, score in scores.items() if "-vpg-" in name]
     assert scores[named["best:pp"]] == pytest.approx(max(scores.values()))
     assert "-vpg-" in named["vpg:pp"] and scores[named["vpg:pp"]] == pytest.approx(max(papers))
+
+
+def test_agents_of_other_tasks_stay_and_those_of_the_same_task_are_replaced(runs, tmp_path):
+    for name in ("best:fp", "best:pp"):
+        shutil.copytree(released.folder_of(name), tmp_path / released.folder_of(name).name)
+    shutil.copytree(released.folder_of("best:pp"), tmp_path / "other-pp")
+    release.write([runs], tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["best-fp", "best-pp", "vpg-pp"]
+    assert contents(tmp_path / "best-fp") == contents(released.folder_of("best:fp"))
+    assert contents(tmp_path / "best-pp") != contents(released.folder_of("best:pp"))
 
 
 def test_plain_arrays_act_as_the_model_of_the_trial(runs, tmp_path):

@@ -32,7 +32,8 @@ def write(
 
     Args:
         runs: Folders of trials, or single trials.
-        folder: Where the agents are written, each into a folder; those that were there are removed.
+        folder: Where the agents are written, each into a folder. Of those that were there, agents of the same
+            tasks are removed and agents of other tasks stay.
         tell: Told which trial becomes which agent.
 
     Raises:
@@ -46,7 +47,9 @@ def write(
             f"there is no finished trial to release in {', '.join(repr(str(path)) for path in runs)}: it "
             "must be of an algorithm of this package, on its task as it is, without noise."
         )
-    before = [card.parent for card in folder.glob(f"*/{released.CARD}")]
+    tasks = {trial.config.task for trial in trials}
+    there = [card.parent for card in folder.glob(f"*/{released.CARD}")]
+    before = [path for path in there if Trial.read(path).config.task in tasks]
     made = []
     for name, trial in chosen(trials).items():
         tell(f"{name}: {trial.name}")
