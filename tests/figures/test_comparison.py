@@ -198,6 +198,27 @@ def test_there_is_no_panel_and_no_row_without_data():
     assert [axis.get_title() for axis in shown] == ["ppo: (a) focal point", "vpg: (b) probe's plane"]
 
 
+def test_empty_panels_of_the_papers_figures_are_empty_and_their_neighbours_are_labelled():
+    # vpg on the right above, recurrent_ppo on the left below: each column has one panel with lines.
+    trials = [*seeds("recurrent_ppo", [0.5], task="fp"), *seeds("vpg", [0.5], task="pp")]
+    panels = [[axis.axison, axis] for axis in paper.figure4(made(*trials)).axes]
+    assert [shown for shown, _ in panels] == [True, False, False, True]
+    for shown, axis in panels:
+        above = [child.get_xaxis().get_label_text() for child in axis.child_axes]
+        assert above == ["policy updates of 64 steps"] * shown
+        assert axis.get_xlabel() == "training steps" * shown
+        assert axis.xaxis.get_tick_params()["labelbottom"] or not shown
+
+
+@pytest.mark.parametrize("draw", [paper.figure4, paper.figure5])
+def test_long_titles_of_the_papers_figures_are_folded(draw):
+    long = "my_algorithm_with_a_name_that_is_very_long_indeed"
+    figure = draw(made(*seeds("vpg", [0.5], task="fp"), *seeds(long, [0.5], task="pp")))
+    assert inside(figure)
+    assert "\n" in next(axis.get_title() for axis in figure.axes if axis.axison)
+    assert not any("\n" in axis.get_title() for axis in draw(made(*GRID)).axes)
+
+
 def test_tasks_of_one_noise_stand_beside_each_other():
     tasks = ("exam", "exam-stop", "fp-random", "pp-random", "setup")
     drawn = comparison.draw(made(*(row for task in tasks for row in seeds("vpg", [0.3, 0.4], task=task))))

@@ -125,7 +125,19 @@ def test_report_and_leaderboard_show_the_rows(finished, tmp_path, capsys, monkey
     assert (tmp_path / "board.md").read_text() == board
     assert cli.main(["report", str(finished.parent), "--out", str(tmp_path / "r.html"), "--quiet"]) == 0
     page = (tmp_path / "r.html").read_text()
-    assert "<h3>People</h3>" in page and all(f"<td>{who}</td>" in page for who in studies.PLAYERS)
+    assert '<h3 id="people">People</h3>' in page and all(f"<td>{who}</td>" in page for who in studies.PLAYERS)
+
+
+def test_studies_alone_are_a_report_and_no_leaderboard(tmp_path, capsys):
+    runs, out = tmp_path / "runs", tmp_path / "r.html"
+    play(Session(runs, study="anna"))
+    assert cli.main(["report", str(runs), "--out", str(out), "--quiet"]) == 0
+    page = out.read_text()
+    assert "There is no trial beside the studies" in page and "<td>human + advice</td>" in page
+    assert "0 trials" not in page.partition("<body>")[2]
+    for option in ("--runs", "--add"):
+        assert cli.main(["leaderboard", option, str(runs), "--leaderboard", str(tmp_path / "b.md")]) == 2
+        assert "only what usbench report shows, studies (study-anna)" in capsys.readouterr().err
 
 
 def test_damaged_study_is_named(tmp_path):

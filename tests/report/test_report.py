@@ -99,6 +99,7 @@ def test_page_is_whole_and_closed_to_the_outside(runs, tmp_path):
     for words in (
         "A first look and no ranking: training was cut short",
         "The only trial is finished",
+        "Dotted: the ceiling of what agents are told",
         "return that it costs",
         "out of the object&#39;s plane",
         "value_learning_rate 0.001",

@@ -9,7 +9,7 @@ from usbench import records
 from usbench.compare.own_task import is_on_its_task
 from usbench.figures import comparison
 from usbench.records import ConfigurationError, TrialConfig
-from usbench.results import leaderboard, tables
+from usbench.results import leaderboard, studies, tables
 from usbench.results.tables import Results
 
 
@@ -26,8 +26,10 @@ def gather(runs: Path) -> tuple[Results, pd.DataFrame]:
     """
     known = tables.collect(runs)
     if known.trials.empty:
+        found = ", ".join(folder.name for folder in studies.folders(runs))
+        alone = f", only what usbench report shows, studies ({found})" if found else ""
         raise ConfigurationError(
-            f"there is no trial in {str(runs)!r}: usbench run and usbench compare make some."
+            f"there is no trial in {str(runs)!r}{alone}: usbench run and usbench compare make some."
         )
     own = {trial.name: is_on_its_task(trial.config) for trial in records.load_trials(runs)}
     fits = known.trials["trial"].map(own)

@@ -4,6 +4,7 @@ Figure 4 shows the return; Figure 5 the distance from the object and the sine of
 (here at the end of the episode), and beside it the distance of the focal point, in mm.
 """
 
+import textwrap
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,8 @@ from usbench.results.tables import TRAINING, TRAINING_PARTS, Results
 # Steps per policy update in the paper's Table II; it draws its deviations after every 50 updates.
 STEPS_PER_UPDATE = 64
 BARS = 5
+# For which the narrowest panel has room in a line of its title.
+TITLE_LETTERS = 42
 
 # Task, column of the curves, title, label of the axis.
 FIGURE_4 = (
@@ -48,28 +51,32 @@ def _draw(known: Results, columns: tuple[tuple[str, str, str, str], ...]) -> Fig
     agents = sorted(set(table["agent"]))
     figure, axes = style.panels(len(agents), len(columns), height=1.55, sharex=True, sharey="col")
     handles = {}
-    for row, agent in zip(axes, agents, strict=True):
-        for axis, (task, name, title, label) in zip(row, columns, strict=True):
+    for panels, (task, name, title, label) in zip(axes.T, columns, strict=True):
+        drawn = []
+        for axis, agent in zip(panels, agents, strict=True):
             own = table[(table["agent"] == agent) & (table["task"] == task)]
-            for number, noise in enumerate(sorted(set(own["noise"]))):
-                values = own[own["noise"] == noise].groupby("step")[name]
-                handles[f"noise {noise:g}"] = _line(axis, values, number, looks.noise(noise))
             if own.empty:
                 axis.set_axis_off()
                 continue
-            axis.set_title(f"{agent}: {title}", fontsize=style.TEXT)
+            drawn.append(axis)
+            for number, noise in enumerate(sorted(set(own["noise"]))):
+                values = own[own["noise"] == noise].groupby("step")[name]
+                handles[f"noise {noise:g}"] = _line(axis, values, number, looks.noise(noise))
+            axis.set_title(textwrap.fill(f"{agent}: {title}", TITLE_LETTERS), fontsize=style.TEXT)
             axis.set_ylabel(label, fontsize=style.SMALL)
-    for axis in axes[-1]:
-        axis.set_xlabel("training steps")
-        axis.locator_params(axis="x", nbins=4)
-    for axis in axes[0]:
-        updates = axis.secondary_xaxis(
-            "top", functions=(_updates, lambda at: np.asarray(at) * STEPS_PER_UPDATE)
-        )
-        updates.set_xlabel(f"policy updates of {STEPS_PER_UPDATE} steps", fontsize=style.SMALL)
-        updates.tick_params(labelsize=style.SMALL)
+        _label_steps(drawn[0], drawn[-1])
     style.legend(figure, [handles[name] for name in sorted(handles)], sorted(handles))
     return figure
+
+
+def _label_steps(first: Any, last: Any) -> None:
+    """Label the steps of a column of panels: policy updates above the first, training below the last."""
+    last.set_xlabel("training steps")
+    last.tick_params(labelbottom=True)
+    last.locator_params(axis="x", nbins=4)
+    updates = first.secondary_xaxis("top", functions=(_updates, lambda at: np.asarray(at) * STEPS_PER_UPDATE))
+    updates.set_xlabel(f"policy updates of {STEPS_PER_UPDATE} steps", fontsize=style.SMALL)
+    updates.tick_params(labelsize=style.SMALL)
 
 
 def _line(axis: Any, values: Any, number: int, look: dict[str, Any]) -> Any:

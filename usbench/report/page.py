@@ -11,7 +11,7 @@ from usbench.atomic import atomic_file
 from usbench.figures import style
 from usbench.records import ConfigurationError
 from usbench.report import agents, pictures, poses, tables, text
-from usbench.results import leaderboard, scores, sources, verdict
+from usbench.results import leaderboard, scores, sources, studies, verdict
 from usbench.results.tables import Results
 from usbench.setting import Setting
 
@@ -20,20 +20,22 @@ ENDINGS = (".html",)
 
 
 def check(runs: Path, out: Path) -> Path:
-    """Return where the page goes, if trials can be read and a page written there.
+    """Return where the page goes, if trials or studies can be read and a page written there.
 
     Raises:
         ConfigurationError: If not; one sentence says why.
     """
     if not runs.is_dir():
         raise ConfigurationError(f"there is no folder {str(runs)!r} with trials.")
-    if not records.trial_folders(runs):
-        raise ConfigurationError(f"{str(runs)!r} holds no trials: usbench run or compare makes them.")
+    if not records.trial_folders(runs) and not studies.folders(runs):
+        raise ConfigurationError(
+            f"{str(runs)!r} holds no trials and no studies: usbench run, compare and guide make them."
+        )
     return style.check_file(out, ENDINGS)
 
 
 def write(runs: Path, out: Path, tell: Tell = lambda _: None) -> Path:
-    """Write the page of all trials in `runs`, a folder of them or a trial itself, and return its path.
+    """Write the page of all trials and studies in `runs`, or of a trial itself, and return its path.
 
     Args:
         runs: Where the trials are.
@@ -41,7 +43,7 @@ def write(runs: Path, out: Path, tell: Tell = lambda _: None) -> Path:
         tell: Called with what is being made: the pictures of many agents take minutes.
 
     Raises:
-        ConfigurationError: If there are no trials, a record is broken or nothing can be written.
+        ConfigurationError: If there is no trial and no study, a record is broken or nothing can be written.
     """
     out = check(runs, out)
     tell("reading the records")
@@ -49,8 +51,10 @@ def write(runs: Path, out: Path, tell: Tell = lambda _: None) -> Path:
     known = sources.gather([runs], damaged.append)
     for sentence in damaged:
         tell(f"left out: {sentence}")
-    if known.trials.empty:
-        raise ConfigurationError(damaged[0] if damaged else f"no trial in {str(runs)!r} has begun.")
+    if known.trials.empty and studies.gather(runs).empty:
+        raise ConfigurationError(
+            damaged[0] if damaged else f"no trial and no study in {str(runs)!r} has begun."
+        )
     if (runs / records.TRIAL).is_file():
         runs = runs.resolve().parent
     tell("drawing the comparison")

@@ -23,13 +23,18 @@ COLUMNS = (
 )
 
 
+def folders(runs: Path) -> list[Path]:
+    """Return the folders of the studies in `runs`."""
+    return sorted(path.parent for path in runs.glob(f"*/{STUDY}"))
+
+
 def gather(runs: Path) -> pd.DataFrame:
     """Return a row for each study in `runs` and each of its players; `COLUMNS` are its columns.
 
     Raises:
         ConfigurationError: If the record of a study is damaged.
     """
-    rows = [row for path in sorted(runs.glob(f"*/{STUDY}")) for row in _rows(path.parent)]
+    rows = [row for folder in folders(runs) for row in _rows(folder)]
     return pd.DataFrame(rows, columns=list(COLUMNS))
 
 
