@@ -79,6 +79,14 @@ def test_page_offline(page):
     assert page.get_by_role("heading", name="Look-alike poses").is_visible()
 
 
+def test_a_long_name_of_an_agent_is_broken(page):
+    page.set_viewport_size({"width": 390, "height": 780})
+    for kind in ("h4", "figcaption"):
+        page.evaluate(f"document.querySelectorAll('{kind}').forEach(one => one.append('{'name_' * 8}'))")
+        content, window = page.evaluate(WIDE)
+        assert content <= window, kind
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width", [1280, 390])
 def test_axe_finds_no_violation(page, scheme, width):
