@@ -121,7 +121,7 @@ figures: $(STAMP)  ## draw the figures of docs/physics.md and print the widths o
 failures: $(STAMP)  ## show which poses look alike and how the episodes of the trials in runs/ end
 	$(BIN)/python benchmarks/failures.py --figure docs/look_alikes.png
 
-unseen: $(STAMP)  ## what helps on phantoms never seen, and how many phantoms it takes (a day), as tables
+unseen: $(STAMP)  ## what helps on phantoms never seen, and how many phantoms and steps it takes (days), as tables
 	$(BIN)/python benchmarks/unseen.py
 
 scores: $(STAMP)  ## train the paper's agent on both tasks with 4 seeds (some 15 minutes) and print the scores

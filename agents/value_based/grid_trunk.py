@@ -16,7 +16,7 @@ GRID = (3, 5)
 class GridTrunk(BaseFeaturesExtractor):
     """Three stages of one residual block with group norm, and an average over each cell of a grid.
 
-    In: as `ConvTrunk`. Out: `(n, 720)`, whatever the size of the images.
+    In: as `ConvTrunk`. Out: `(n, 720)`, whatever the size of the images; with another grid, 48 per cell.
 
     An average over the whole image would forget on which side the object lies, which says where to move. The
     first convolution has stride 2 and a max-pool behind it: most work is done on a 16th of the pixels. Group
@@ -25,29 +25,37 @@ class GridTrunk(BaseFeaturesExtractor):
     Sources: Espeholt et al., "IMPALA" (2018), Fig. 3, right; Wu and He, "Group normalization" (2018).
     """
 
-    def __init__(self, observation_space: spaces.Box) -> None:
-        """Builds the trunk for images of `observation_space`, at least 8 x 8 pixels."""
+    def __init__(
+        self, observation_space: spaces.Box, *, grid: tuple[int, int] = GRID, groups: int = GROUPS
+    ) -> None:
+        """Builds the trunk for images of `observation_space`, at least 8 x 8 pixels.
+
+        Args:
+            observation_space: Of the images.
+            grid: Rows and columns of the grid.
+            groups: Those of group norm, which divide 16, 32 and 48; 1 is layer norm, 0 is no norm.
+        """
         self._channels_first = channels_first(observation_space)
         shape = observation_space.shape
         n_channels, height, width = shape if self._channels_first else (shape[2], shape[0], shape[1])
         if min(height, width) < 8:
             raise ValueError(f"images must have at least 8 x 8 pixels, not {height} x {width}.")
-        super().__init__(observation_space, CHANNELS[-1] * GRID[0] * GRID[1])
+        super().__init__(observation_space, CHANNELS[-1] * grid[0] * grid[1])
         first, second, third = CHANNELS
         self.stages = nn.Sequential(
             _convolution(n_channels, first, stride=2),
             nn.MaxPool2d(3, stride=2, padding=1),
-            NormalizedResidual(first),
+            NormalizedResidual(first, groups),
             _convolution(first, second, stride=2),
-            NormalizedResidual(second),
+            NormalizedResidual(second, groups),
             _convolution(second, third),
-            NormalizedResidual(third),
+            NormalizedResidual(third, groups),
             nn.ReLU(),
-            nn.AdaptiveAvgPool2d(GRID),
+            nn.AdaptiveAvgPool2d(grid),
         )
 
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
-        """Features `(n, 720)` of a batch of images."""
+        """Features `(n, features_dim)` of a batch of images."""
         images = observations if self._channels_first else observations.permute(0, 3, 1, 2)
         maps: torch.Tensor = self.stages(images.contiguous(memory_format=torch.channels_last))
         return maps.flatten(1)
@@ -56,15 +64,17 @@ class GridTrunk(BaseFeaturesExtractor):
 class NormalizedResidual(nn.Module):
     """x + conv(ReLU(norm(conv(ReLU(norm(x)))))), 3x3 each, on maps `(n, n_channels, height, width)`.
 
-    Source: He et al., "Identity mappings in deep residual networks" (2016), Fig. 4 e.
+    Sources: He et al., "Identity mappings in deep residual networks" (2016), Fig. 4 e; Wu and He, "Group
+    normalization" (2018), Section 3.1: with one group it is layer norm.
     """
 
-    def __init__(self, n_channels: int) -> None:
-        """Builds two group norms and two convolutions."""
+    def __init__(self, n_channels: int, groups: int) -> None:
+        """Builds two group norms, or none for 0 groups, and two convolutions."""
         super().__init__()
         layers: list[nn.Module] = []
         for _ in range(2):
-            layers += [nn.GroupNorm(GROUPS, n_channels), nn.ReLU(), _convolution(n_channels, n_channels)]
+            layers += [nn.GroupNorm(groups, n_channels)] if groups else []
+            layers += [nn.ReLU(), _convolution(n_channels, n_channels)]
         self.branch = nn.Sequential(*layers)
 
     def forward(self, maps: torch.Tensor) -> torch.Tensor:

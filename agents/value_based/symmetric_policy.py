@@ -14,16 +14,18 @@ class SymmetricQNetwork(QNetwork):
     """Values of the actions: features of the observation, and one output for its value and the advantages.
 
     With senses, the network looks at the canonical view of an observation (see `Views.canonical`) and the
-    values are turned back: the network learns an eighth of the poses and is exact about the others.
+    values are turned back: the network learns an eighth of the poses and is exact about the others. Without
+    `canonical` the network looks at observations as they are.
 
     Source: Wang et al., "Dueling network architectures" (2016), Eq. 9.
     """
 
     views: Views | None
 
-    def __init__(self, *args: Any, symmetries: Any = None, **kwargs: Any) -> None:
+    def __init__(self, *args: Any, symmetries: Any = None, canonical: bool = True, **kwargs: Any) -> None:
         """Takes SB3's arguments; `symmetries` are those of the task, None for none."""
         super().__init__(*args, **kwargs)
+        self.canonical = canonical
         n_outputs = int(self.action_space.n) + 1
         self.q_net = nn.Sequential(
             *create_mlp(self.features_dim, n_outputs, self.net_arch, self.activation_fn)
@@ -32,7 +34,7 @@ class SymmetricQNetwork(QNetwork):
 
     def forward(self, obs: Any) -> torch.Tensor:
         """Values `(n, n_actions)` of a batch of observations."""
-        if self.views is None:
+        if self.views is None or not self.canonical:
             return self._dueling(obs)
         numbers = self.views.canonical(obs)
         return self.views.values_from(self._dueling(self.views.observations(obs, numbers)), numbers)
@@ -52,9 +54,9 @@ class SymmetricPolicy(DQNPolicy):
     q_net: SymmetricQNetwork
     q_net_target: SymmetricQNetwork
 
-    def __init__(self, *args: Any, symmetries: Any = None, **kwargs: Any) -> None:
-        """Takes SB3's arguments; `symmetries` are those of the task, None for none."""
-        self.symmetries = symmetries
+    def __init__(self, *args: Any, symmetries: Any = None, canonical: bool = True, **kwargs: Any) -> None:
+        """Takes SB3's arguments, and those of `SymmetricQNetwork`."""
+        self.symmetries, self.canonical = symmetries, canonical
         super().__init__(*args, **kwargs)
 
     @property
@@ -65,7 +67,8 @@ class SymmetricPolicy(DQNPolicy):
     def make_q_net(self) -> QNetwork:
         """A new network."""
         arguments = self._update_features_extractor(self.net_args, features_extractor=None)
-        return SymmetricQNetwork(**arguments, symmetries=self.symmetries).to(self.device)
+        own = {"symmetries": self.symmetries, "canonical": self.canonical}
+        return SymmetricQNetwork(**arguments, **own).to(self.device)
 
     def _predict(self, obs: Any, deterministic: bool = True) -> torch.Tensor:
         network = self.greedy_net if deterministic else self.q_net

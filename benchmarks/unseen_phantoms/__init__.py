@@ -1,0 +1,1 @@
+"""What `make unseen` trains, measures and draws."""

@@ -1,0 +1,111 @@
+"""The program behind `make unseen`: what it trains, keeps, prints and draws."""
+
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import unseen
+from unseen_phantoms import measuring, trial_table
+from unseen_phantoms.studies import STUDIES, Variant
+
+from usbench.records import ConfigurationError, Trial
+from usbench.trials import runner
+
+# Episodes of 24 steps, of which each of four environments ends one.
+STEPS = 100
+
+
+@pytest.fixture
+def call(monkeypatch, tmp_path):
+    """Run the program with some options, all it writes in a folder of the test."""
+
+    def called(*options):
+        files = ["--out", str(tmp_path / "runs"), "--csv", str(tmp_path / "unseen.csv")]
+        monkeypatch.setattr(sys, "argv", ["unseen.py", *files, *map(str, options)])
+        unseen.main()
+        return trial_table.read(tmp_path / "unseen.csv")
+
+    return called
+
+
+@pytest.fixture
+def small(monkeypatch):
+    """A study of two variants, one of them on a fixed set of phantoms."""
+    variants = (Variant("b"), Variant("a", setting={"n_phantoms": 2}))
+    study = replace(STUDIES["gap"], variants=variants, steps=(STEPS,), n_seeds=2)
+    monkeypatch.setitem(unseen.STUDIES, "gap", study)
+    return study
+
+
+def test_trials_are_run_once_and_printed_in_the_order_of_the_study(quick, small, call, capsys, tmp_path):
+    rows = call("--tables", "gap")
+    assert len(rows) == 4 and set(rows["steps"]) == {STEPS}
+    printed = capsys.readouterr().out
+    assert printed.index("│ b ") < printed.index("│ a ") and "2 (set " in printed
+    models = sorted((tmp_path / "runs").glob("*/model.zip"))
+    before = [model.stat().st_mtime_ns for model in models]
+    assert len(models) == 4
+    assert call("--tables", "gap").equals(rows)
+    assert [model.stat().st_mtime_ns for model in models] == before
+
+
+def test_ctrl_c_loses_no_finished_trial(small, call, monkeypatch, tmp_path):
+    def measured(table, variant, steps, seed, out):
+        if seed == 1:
+            raise KeyboardInterrupt
+        return trial_table.Row(table, variant.title, None, steps, seed, "", 0.5, 0.5, 1.0)
+
+    monkeypatch.setattr(unseen, "measured", measured)
+    with pytest.raises(SystemExit, match="the same command goes on from here"):
+        call("--tables", "gap")
+    # All variants of the first seed come before the second seed.
+    rows = trial_table.read(tmp_path / "unseen.csv")
+    assert sorted(rows["variant"]) == ["a", "b"] and set(rows["seed"]) == {0}
+
+
+def test_figures_are_drawn_without_training(call, monkeypatch, tmp_path, capsys):
+    row = trial_table.Row("scaling", "double_dqn", None, 100_000, 0, "", 0.5, 0.5, 1.0)
+    with pytest.raises(SystemExit):
+        call("--figures", tmp_path)
+    assert "train first, without --figures" in capsys.readouterr().err
+    trial_table.add(tmp_path / "unseen.csv", row)
+    monkeypatch.setattr(unseen, "measured", None)
+    call("--figures", tmp_path)
+    assert capsys.readouterr().out.split() == [str(tmp_path / "unseen_scaling.png")]
+    assert (tmp_path / "unseen_scaling.png").exists()
+
+
+def test_seeds_of_comparisons_are_refused(call):
+    with pytest.raises(ConfigurationError, match="a development takes seeds 0 to 9, not 10"):
+        call("--tables", "scaling", "--seeds", 11)
+
+
+def test_the_scaling_is_that_of_one_agent():
+    assert STUDIES["scaling"].steps == (100_000, 300_000, 1_000_000)
+    (only,) = STUDIES["scaling"].variants
+    assert only.config(1_000_000, seed=0).n_envs == 32
+
+
+@pytest.mark.parametrize("count", [2, None])
+def test_known_phantoms_are_those_that_were_met(quick, monkeypatch, tmp_path, count):
+    variant = Variant("a", setting={"n_phantoms": count})
+    trial = Trial.read(runner.run_trial(variant.config(STEPS, seed=0), tmp_path).folder)
+    met = set(trial.episodes()["phantom"])
+    played = []
+
+    class Watched(measuring.Evaluator):
+        def __init__(self, setting, episodes):
+            played.extend(one.phantom for one in episodes)
+            super().__init__(setting, episodes)
+
+    monkeypatch.setattr(measuring, "Evaluator", Watched)
+    assert np.isfinite(measuring.known_score(trial))
+    assert set(played) <= met and len(set(played)) == min(len(met), 3)
+    assert count is None or met <= {0, 1}
+
+
+def test_a_training_without_an_episode_is_refused(quick, tmp_path):
+    folder = runner.run_trial(Variant("a").config(64, seed=0), tmp_path).folder
+    with pytest.raises(ValueError, match=r"no phantom is known where no episode has ended \(64 steps\)"):
+        measuring.known_score(Trial.read(folder))
