@@ -1,6 +1,6 @@
 """A panel for each task and noise: as a grid where every task has every noise, else one after the other."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 from matplotlib.figure import Figure
@@ -9,6 +9,17 @@ from usbench.figures import style
 from usbench.results.scores import Cell
 
 WIDEST = 3  # panels beside each other
+
+
+def is_one_row(cells: Collection[Cell]) -> bool:
+    """Return whether the panels of `cells` are all beside each other."""
+    return _columns(cells) >= len(cells)
+
+
+def _columns(cells: Collection[Cell]) -> int:
+    noises, tasks = {cell.noise for cell in cells}, {cell.task for cell in cells}
+    full = len(cells) == len(tasks) * len(noises)
+    return len(noises) if full and 1 < len(noises) <= WIDEST else min(len(cells), WIDEST)
 
 
 def cell_panels(heights: Mapping[Cell, float], label: str, **kwargs: bool) -> tuple[Figure, dict[Cell, Any]]:
@@ -20,9 +31,7 @@ def cell_panels(heights: Mapping[Cell, float], label: str, **kwargs: bool) -> tu
         **kwargs: As of `Figure.subplots`.
     """
     cells = sorted(heights)
-    noises = sorted({cell.noise for cell in cells})
-    full = len(cells) == len({cell.task for cell in cells}) * len(noises)
-    columns = len(noises) if full and 1 < len(noises) <= WIDEST else min(len(cells), WIDEST)
+    columns = _columns(cells)
     lines = [cells[start : start + columns] for start in range(0, len(cells), columns)]
     figure, axes = style.panels(
         len(lines), columns, height=[max(heights[cell] for cell in line) for line in lines], **kwargs

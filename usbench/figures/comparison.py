@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 
 from usbench.ceilings import bound
 from usbench.figures import looks, paper, style
-from usbench.figures.cells import cell_panels
+from usbench.figures.cells import cell_panels, is_one_row
 from usbench.results import ranking, scores, stats, tables
 from usbench.results.agents import named
 from usbench.results.protocol import further, unseen
@@ -26,6 +26,8 @@ N_THRESHOLDS = 141
 REFERENCES = ("oracle", "random", "stay")
 # Without caps, which would lengthen an interval.
 BAR: dict[str, Any] = {"linewidth": 4, "solid_capstyle": "butt"}
+# Height in inches of panels that are all in one row, so that the label of their axis fits beside them.
+SINGLE_ROW = 3.2
 # For which a panel of scores has room, so that a single marker fits in.
 LEAST_ROWS = 3
 # Of score axes, beyond the optimum's 1 so that its marks are whole.
@@ -112,7 +114,8 @@ def learning_curves(known: Results, table: pd.DataFrame, over: str = "step") -> 
         return None
     final = _final(known)
     cells = dict(_by_cell(table))
-    figure, panels = cell_panels(dict.fromkeys(cells, 1.9), OVER[over], sharey=True)
+    height = SINGLE_ROW if is_one_row(cells) else 1.9
+    figure, panels = cell_panels(dict.fromkeys(cells, height), OVER[over], sharey=True)
     drawn = looks.agents(table["agent"])
     handles = {}
     for cell, axis in panels.items():
