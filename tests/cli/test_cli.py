@@ -161,6 +161,38 @@ def test_help_shows_examples_and_does_not_wait_for_torch():
     assert "usbench run --algo vpg --task pp" in done.stdout
 
 
+FIRST_LINE = """
+import sys
+from usbench.cli import main
+class Terminal:
+    line = "nothing"
+    def isatty(self): return True
+    def flush(self): pass
+    def write(self, text):
+        if self.line == "nothing":
+            self.line = f"{'pandas' in sys.modules}: {text}"
+sys.stderr = Terminal()
+main(sys.argv[1:])
+print(sys.stderr.line)
+"""
+
+
+@pytest.mark.parametrize(
+    ("command", "line"),
+    [
+        (["watch", "nowhere"], "opening the trial"),
+        (["compare", "--algos", "vgp"], "looking at the trials"),
+        (["search", "--algo", "vgp"], "looking at the records"),
+        (["transfer", "--leaderboard", "."], "loading PyTorch: some seconds; then"),
+        (["dataset", "--task", "focal", "--agent", "best"], "loading PyTorch: some seconds"),
+    ],
+)
+def test_commands_say_what_they_do_before_they_load_what_takes_seconds(tmp_path, command, line):
+    run = [sys.executable, "-c", FIRST_LINE, *command]
+    done = subprocess.run(run, capture_output=True, text=True, cwd=tmp_path)
+    assert done.stdout.startswith(f"False: {line}"), done
+
+
 @pytest.mark.parametrize("name", sorted(cli.build_parser()[1]))
 def test_helps_fit_80_columns(name, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")

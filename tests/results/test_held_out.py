@@ -1,5 +1,6 @@
 """Agents of one phantom on phantoms never seen: tables worked out by hand, and a test from end to end."""
 
+import logging
 import shutil
 
 import numpy as np
@@ -124,6 +125,20 @@ def test_what_was_tested_is_kept_when_a_later_test_fails(tmp_path, monkeypatch):
     tables.write(made(*seeds("vpg", [0.8, 0.9], task="pp")), tmp_path)
     with pytest.raises(RuntimeError, match=r"1 of 1 trials cannot be tested, as its model is broken\."):
         transfer.write(tmp_path, tmp_path)
+
+
+def test_how_long_the_tests_take_is_told(tmp_path, monkeypatch, caplog):
+    caplog.set_level(logging.INFO)
+    monkeypatch.setattr("usbench.waiting._MEASURED_S", 0.0)
+    monkeypatch.setattr("usbench.waiting.LONG_S", 0.0)
+    for name in ("pp-p0-vpg-s100", "pp-p0-vpg-s101"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / records.TRIAL).touch()
+    tables.write(made(*seeds("vpg", [0.8, 0.9], task="pp")), tmp_path)
+    monkeypatch.setattr("usbench.compare.transfer.Setting.prepare_frames", lambda _: None)
+    monkeypatch.setattr(transfer, "test", lambda trial, algo: rows_of(0.1).iloc[0].to_dict())
+    transfer.write(tmp_path, tmp_path)
+    assert caplog.messages[0].startswith("Testing agents on phantoms never seen: some ")
 
 
 def test_agents_of_ones_own_are_opened_only_if_they_are_named(tmp_path, monkeypatch):

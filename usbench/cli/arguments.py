@@ -72,9 +72,9 @@ def add_leaderboard_file(parser: argparse.ArgumentParser, default: str = str(LEA
     )
 
 
-def tell_watcher(text: str) -> None:
+def tell_watcher(text: str, quiet: bool = False) -> None:
     """Say on stderr what is being done, where a person waits for it; files and pipes get results alone."""
-    if sys.stderr.isatty():
+    if sys.stderr.isatty() and not quiet:
         print(text, file=sys.stderr, flush=True)
 
 

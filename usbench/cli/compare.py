@@ -7,7 +7,14 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from usbench.cli.arguments import GOES_ON, LEADERBOARD, add_leaderboard_file, add_sweep, number
+from usbench.cli.arguments import (
+    GOES_ON,
+    LEADERBOARD,
+    add_leaderboard_file,
+    add_sweep,
+    number,
+    tell_watcher,
+)
 
 if TYPE_CHECKING:
     from usbench.compare.sweep import Outcome
@@ -91,6 +98,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
 
 def _call(args: argparse.Namespace) -> None:
     """Run what is missing of a comparison, then write its leaderboard and figures."""
+    tell_watcher("looking at the trials that there are: some seconds", args.quiet)
     from usbench.cli.output import sweep_output
     from usbench.compare import plan, protocol, rest, runs
     from usbench.results import leaderboard

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from usbench.cli.arguments import GOES_ON, add_sweep
+from usbench.cli.arguments import GOES_ON, add_sweep, tell_watcher
 
 EXAMPLES = """examples:
   usbench search --algo ppo
@@ -49,6 +49,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
 
 def _call(args: argparse.Namespace) -> None:
     """Search the hyperparameters of one row or of all."""
+    tell_watcher("looking at the records of the search: some seconds", args.quiet)
     from usbench.cli.output import sweep_output
     from usbench.compare import plan, protocol, search
     from usbench.envs.threads import n_threads

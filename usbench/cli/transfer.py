@@ -6,7 +6,7 @@ import argparse
 import sys
 from typing import Any
 
-from usbench.cli.arguments import GOES_ON, add_leaderboard_file, add_runs
+from usbench.cli.arguments import GOES_ON, add_leaderboard_file, add_runs, tell_watcher
 from usbench.cli.leaderboard import FROM_THE_PACKAGE
 
 
@@ -35,6 +35,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
 
 def _call(args: argparse.Namespace) -> None:
     """Test agents of one phantom on unseen phantoms, and write the leaderboard again."""
+    tell_watcher("loading PyTorch: some seconds; then some for each trial and each new frame", args.quiet)
     from usbench.compare import transfer
     from usbench.results import leaderboard, published
 

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from usbench.cli.arguments import number
+from usbench.cli.arguments import number, tell_watcher
 
 EXAMPLES = """examples:
   usbench watch best:pp
@@ -52,6 +52,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
 
 def _call(args: argparse.Namespace) -> None:
     """Replay evaluation episodes of a trial."""
+    tell_watcher("opening the trial and its agent: some seconds")
     from usbench.watch import selection, terminal
 
     out = args.out if args.out is None else selection.check_file(args.out)

@@ -12,6 +12,7 @@ from usbench.results import held_out, tables
 from usbench.setting import Setting
 from usbench.trials.evaluation import Evaluator
 from usbench.trials.model_loading import load_agent
+from usbench.waiting import Waiting
 
 
 def write(
@@ -57,6 +58,7 @@ def write(
         tell(f"frames of {task}")
         Setting(task=task).prepare_frames()
     path, failures = _keep(rows, folder), []
+    waiting = Waiting("Testing agents on phantoms never seen", len(missing))
     for number, (name, algo) in enumerate(missing[["trial", "algo"]].itertuples(index=False, name=None), 1):
         tell(f"trial {number} of {len(missing)}: {name}")
         try:
@@ -66,6 +68,7 @@ def write(
             failures.append(str(error))
         else:
             _keep(rows, folder)
+        waiting.done()
     if failures:
         raise RuntimeError(f"{len(failures)} of {len(missing)} trials cannot be tested, as {failures[0]}")
     return path

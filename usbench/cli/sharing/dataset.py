@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from usbench.cli.arguments import number
+from usbench.cli.arguments import number, tell_watcher
 
 EXAMPLES = """examples:
   usbench dataset --task pp --agent best --episodes 1000
@@ -46,14 +46,13 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
 
 def _call(args: argparse.Namespace) -> None:
     """Play the episodes, write the data set, and tell how it is opened."""
+    tell_watcher("loading PyTorch: some seconds", args.quiet)
     from usbench.datasets import minari_files
 
     def tell(text: str) -> None:
         if not args.quiet:
             print(text, file=sys.stderr, flush=True)
 
-    minari_files.check_installed()
-    tell("loading PyTorch")
     name, folder = minari_files.write(
         args.task, args.agent, args.episodes, noise=args.noise, seed=args.seed, out=args.out, tell=tell
     )
