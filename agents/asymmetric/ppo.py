@@ -26,10 +26,17 @@ class AsymmetricPPO(PPO):
     state alone is cheap and learns fast. Where observations hide what decides, its values are averages over
     what the agent may have seen, which biases the gradient (Baisero and Amato 2022, Theorem 4.2).
 
+    With `symmetric_views` the policy learns from each step in random views of the task's symmetries, as
+    `StateBuffer` says.
+
     Sources: Pinto et al., "Asymmetric actor critic for image-based robot learning" (2017); Schulman et al.,
     "Proximal policy optimization algorithms" (2017).
+
+    Attributes:
+        takes_symmetries: Whether the class is made with the `symmetries` of a task.
     """
 
+    takes_symmetries = True
     policy_aliases: ClassVar[dict[str, type[BasePolicy]]] = {
         name: AsymmetricPolicy for name in ("MlpPolicy", "CnnPolicy", "MultiInputPolicy")
     }
@@ -37,6 +44,23 @@ class AsymmetricPPO(PPO):
     rollout_buffer: StateBuffer
     # The states of `_last_obs`, (n_envs, SIZE).
     _last_states: npt.NDArray[np.float32] | None = None
+
+    def __init__(
+        self, policy: Any, env: Any, *, symmetric_views: bool = False, symmetries: Any = None, **kwargs: Any
+    ) -> None:
+        """Takes SB3's arguments for `PPO`, and those below.
+
+        Args:
+            policy: As in SB3.
+            env: As in SB3; its infos tell a state.
+            symmetric_views: Whether steps are seen in random views while the agent learns.
+            symmetries: Those of the task (`usbench.envs.observation.symmetries`), None for none.
+            kwargs: As in SB3.
+        """
+        if symmetric_views:
+            of_rollout = kwargs.get("rollout_buffer_kwargs") or {}
+            kwargs["rollout_buffer_kwargs"] = {**of_rollout, "symmetries": symmetries}
+        super().__init__(policy, env, **kwargs)
 
     def _setup_model(self) -> None:
         if not isinstance(self.action_space, spaces.Discrete):

@@ -91,6 +91,7 @@ UNSEEN: dict[str, Entry] = {
             "vf_coef": 0.5,
             "max_grad_norm": 0.5,
             "normalize_advantage": True,
+            "symmetric_views": False,
         },
     ),
     "belief": Entry(

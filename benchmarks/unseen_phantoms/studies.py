@@ -69,6 +69,8 @@ ABLATIONS = (
     Variant("without the last action", setting={"senses": ("position", "heading")}),
     Variant("without position and heading", setting={"senses": ("actions",)}),
     _row("no symmetries, returns of one step, the paper's trunk", "PLAIN", return_steps=1),
+    Variant("ppo_asymmetric", "ppo_asymmetric"),
+    Variant("ppo_asymmetric, symmetries in rollouts", "ppo_asymmetric", {"symmetric_views": True}),
 )
 GAP = tuple(
     Variant(algo, algo, setting={"n_phantoms": count})

@@ -148,14 +148,17 @@ def test_learns_a_trivial_environment():
     assert right >= 95
 
 
-def test_a_killed_trial_on_a_tracked_task_ends_with_the_bits_of_an_undisturbed_one(often, tmp_path):
+@pytest.mark.parametrize("symmetric_views", [False, True])
+def test_a_killed_trial_on_a_tracked_task_ends_with_the_bits_of_an_undisturbed_one(
+    often, tmp_path, symmetric_views
+):
     config = resolve(
         "ppo_asymmetric",
         "pp-tracked",
         steps=96,
         n_envs=2,
         n_frames=2,
-        overrides=trials.SMALL["ppo_asymmetric"],
+        overrides=trials.SMALL["ppo_asymmetric"] | {"symmetric_views": symmetric_views},
     )
     whole = runner.run_trial(config, tmp_path / "whole").folder
     with pytest.raises(trials.Killed):

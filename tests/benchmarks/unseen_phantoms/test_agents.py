@@ -15,13 +15,15 @@ from usbench.trials.learning import make_agent
 
 # So small that a few steps make updates.
 SMALL = {"learning_starts": 16, "train_freq": 4, "batch_size": 16, "buffer_size": 200}
+SMALL_ROLLOUTS = {"n_steps": 32, "batch_size": 16, "n_epochs": 2}
 SYMMETRIES = Setting(task=TASK, **SETTING).symmetries()
 STAY, LEFT, RIGHT, COUNTER_CLOCKWISE, CLOCKWISE = range(5)
 
 
 def made(variant):
     """Return a small agent of a variant in four environments."""
-    config = replace(variant, overrides={**variant.overrides, **SMALL}).config(64, seed=0)
+    small = SMALL_ROLLOUTS if variant.algo == "ppo_asymmetric" else SMALL
+    config = replace(variant, overrides={**variant.overrides, **small}).config(64, seed=0)
     setting = Setting.recorded(config)
     env = SB3VecEnv(setting.make_vec_env(4, autoreset_mode="SameStep"))
     return make_agent(setting, config.algo, env, 0, config.hyperparameters)
@@ -44,9 +46,9 @@ def seen_by(agent, n=6):
 @pytest.mark.parametrize("variant", ABLATIONS, ids=lambda one: one.title)
 def test_a_variant_learns(quick, variant):
     agent = made(variant)
-    before = [parameter.detach().clone() for parameter in agent.q_net.parameters()]
+    before = [parameter.detach().clone() for parameter in agent.policy.parameters()]
     agent.learn(48)
-    after = list(agent.q_net.parameters())
+    after = list(agent.policy.parameters())
     assert all(torch.isfinite(parameter).all() for parameter in after)
     assert not all(torch.equal(one, other) for one, other in zip(before, after, strict=True))
 
