@@ -259,6 +259,16 @@ def test_a_long_name_of_an_agent_takes_no_second_row(page, width):
     assert page.locator("#noise").bounding_box()["width"] > 60
 
 
+def test_good_news_moves_no_panel(page):
+    page.set_viewport_size({"width": 1366, "height": 768})
+    episode = page.get_by_role("region", name="Episode")
+    before = episode.bounding_box()
+    words = "best:pp-tracked advises here: best:exam was trained on another task."
+    page.evaluate("words => document.getElementById('notice').textContent = words", words)
+    expect(page.get_by_text(words)).to_be_visible()
+    assert episode.bounding_box() == before
+
+
 def test_change_of_task_asks_before_an_episode_is_lost(page):
     page.get_by_role("button", name="right").click()
     expect(page.get_by_text("Step 1 of 16")).to_be_visible()

@@ -1,6 +1,7 @@
 """Who advises in the guide: trials, the optimum, and an agent that is trained meanwhile."""
 
 import json
+import shutil
 import sys
 import time
 
@@ -74,6 +75,19 @@ def test_model_of_another_task_is_refused_in_words(finished):
     assert session.state()["advice"] is None
     session.choose(task="pp", agent=finished.name)
     assert session.message == "" and session.state()["advice"]
+
+
+def test_a_trained_agent_of_another_task_takes_over_without_an_alarm(finished, trial_on, tmp_path):
+    runs = tmp_path / "both"
+    for trial in (finished, other := trial_on("fp")):
+        shutil.copytree(trial, runs / trial.name)
+    session = Session(runs, seed=0)
+    session.choose(task="fp")
+    assert session.agent == other.name and session.message == ""
+    told = f"{other.name} advises here: {finished.name} was trained on another task."
+    assert session.notice == told
+    session.choose(noise=0.25)
+    assert session.notice == ""
 
 
 def test_model_that_cannot_be_opened_is_told(finished):

@@ -266,11 +266,15 @@ class Session:
         best = guide_agents.best(self._trials.values(), self.setting)
         self.agent = ORACLE if best is None else best.name
         self._open()
-        if before is not None and before.task != self.setting.task and not self.message:
+        if before is None or before.task == self.setting.task or self.message:
+            return
+        if best is None:
             self.message = (
                 f"{before.name} was trained on another task and does not fit this one: "
                 f"{self._label()} advises here."
             )
+        else:
+            self.notice = f"{best.name} advises here: {before.name} was trained on another task."
 
     def _open(self) -> None:
         """Open the agent that is chosen, or say why that cannot be."""
