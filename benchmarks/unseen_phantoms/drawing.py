@@ -11,7 +11,8 @@ from unseen_phantoms.studies import SETTING, TASK
 from unseen_phantoms.trial_table import intervals
 from usbench.ceilings import ceiling
 from usbench.figures import looks, style
-from usbench.figures.comparison import CEILING, HIGHEST, OPTIMUM, SCORE
+from usbench.figures.comparison import CEILING, OPTIMUM, SCORE
+from usbench.figures.score_axis import HIGHEST
 
 # What is drawn of each agent, and how the known phantoms differ from the unseen ones.
 SCORES: dict[str, tuple[str, dict[str, Any]]] = {

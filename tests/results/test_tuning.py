@@ -114,10 +114,22 @@ def test_the_command_writes_table_section_and_figure_and_again_the_same_bytes(tm
     assert [path.read_bytes() for path in (board, figure)] == before
 
 
+def test_scores_of_the_figure_begin_at_0_and_the_lowest_below_has_its_number(tmp_path):
+    record(tmp_path, "vpg", [-0.7, -0.31, 0.1])
+    spread, best = drawn.draw(tuning.gather(tmp_path)).axes
+    assert spread.get_xlim()[0] == best.get_ylim()[0] == 0
+    assert [text.get_text() for text in spread.texts] == ["-0.70"]
+    (circles,) = [line for line in spread.lines if line.get_marker() == "o"]
+    assert list(circles.get_xdata()) == pytest.approx([0.1])
+    (marks,) = [line for line in best.lines if line.get_marker() == "v"]
+    assert list(marks.get_xdata()) == [1, 2]  # -0.91 / 3, (-0.31 + 2 * 0.1) / 3
+
+
 def test_figure_has_a_line_for_each_row_and_none_without_rows(tmp_path):
     record(tmp_path, "vpg", [0.1, 0.5, 0.7])
     record(tmp_path, "ppo", [0.2, None, 0.3])
     spread, best = drawn.draw(tuning.gather(tmp_path)).axes
-    assert [label.get_text() for label in spread.get_yticklabels()] == ["ppo", "vpg"]
-    assert best.lines[1].get_ydata()[-1] == 0.7
+    assert [label.get_text() for label in spread.get_yticklabels()] == ["vpg", "ppo"]
+    assert [line.get_label() for line in best.lines if not line.get_label().startswith("_")] == ["vpg", "ppo"]
+    assert best.lines[0].get_ydata()[-1] == 0.7
     assert drawn.draw(tuning.read(tmp_path)) is None

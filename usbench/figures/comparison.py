@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from usbench.ceilings import bound
-from usbench.figures import looks, paper, style
+from usbench.figures import looks, paper, score_axis, style
 from usbench.figures.cells import cell_panels, is_one_row
 from usbench.results import ranking, scores, stats, tables
 from usbench.results.agents import named
@@ -30,10 +30,6 @@ BAR: dict[str, Any] = {"linewidth": 4, "solid_capstyle": "butt"}
 SINGLE_ROW = 3.2
 # For which a panel of scores has room, so that a single marker fits in.
 LEAST_ROWS = 3
-# Of score axes, beyond the optimum's 1 so that its marks are whole.
-HIGHEST = 1.06
-# Of the axis; where the marks of what lies below 0 stand.
-CLIPPED_AT = 0.015
 OPTIMUM: dict[str, Any] = {"color": "black", "linestyle": "-.", "linewidth": 1}
 ORACLE: dict[str, Any] = {"color": "0.5", "linestyle": "--", "linewidth": 1.2}
 CEILING: dict[str, Any] = {"color": "#882255", "linestyle": ":", "linewidth": 1.6}
@@ -95,7 +91,7 @@ def final_scores(known: Results) -> Figure | None:
         _score_lines(axis.axvline, cell, table)
         axis.set_yticks(range(len(here[cell])), here[cell])
         axis.set_ylim(-0.5, len(here[cell]) - 0.3)
-        axis.set_xlim(0, max(HIGHEST, rows["normalized_score"].max() + 0.03))
+        axis.set_xlim(0, max(score_axis.HIGHEST, rows["normalized_score"].max() + 0.03))
     _line_legend(figure, list(panels), table)
     figure.suptitle(
         "IQM over seeds with 95 % bootstrap interval; circles are single seeds,\n"
@@ -125,10 +121,9 @@ def learning_curves(known: Results, table: pd.DataFrame, over: str = "step") -> 
             (handles[agent],) = axis.plot(rows[over], rows["score"], markersize=3.5, linewidth=1.2, **look)
             band = (rows["score_low"], rows["score_high"])
             axis.fill_between(rows[over], *band, color=look["color"], alpha=0.1, linewidth=0)
-            below = rows.loc[rows["score"] < 0, over]
-            axis.plot(below, np.full(len(below), CLIPPED_AT), "v", color=look["color"], markersize=4)
+            score_axis.mark_below(axis, rows[over], rows["score"], look["color"])
         _score_lines(axis.axhline, cell, final)
-        axis.set_ylim(0, max(HIGHEST, table["score"].max() + 0.03))
+        axis.set_ylim(0, max(score_axis.HIGHEST, table["score"].max() + 0.03))
         axis.locator_params(axis="x", nbins=4)
     figure.supylabel(SCORE, fontsize=style.TEXT)
     ranked = _ranked(final[final["agent"].isin(set(handles))])
@@ -222,16 +217,7 @@ def _score_row(axis: Any, height: float, matrix: stats.Array, look: Mapping[str,
     if interval.estimate >= 0:
         axis.plot(interval.estimate, height, look["marker"], color=look["color"], markersize=6)
     lowest = min(float(matrix.min()), float(interval.estimate))
-    if lowest < 0:
-        axis.plot(CLIPPED_AT, height, "<", color=look["color"], markersize=5)
-        axis.annotate(
-            f"{lowest:.2f}",
-            (CLIPPED_AT, height),
-            (5, 2.5),
-            textcoords="offset points",
-            fontsize=style.SMALL,
-            va="bottom",
-        )
+    score_axis.mark_lowest(axis, height, lowest, look["color"])
 
 
 def _lines(cell: Cell, final: pd.DataFrame) -> dict[str, tuple[float, dict[str, Any]]]:

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from usbench.figures import looks, style
+from usbench.figures import looks, score_axis, style
 from usbench.results.protocol import tuning
 
 NAME = "tuning"
@@ -21,9 +21,11 @@ def write(folder: Path, out: Path, formats: Sequence[str] = ("png",)) -> list[Pa
 
 def draw(known: pd.DataFrame) -> Figure | None:
     """Draw each row's candidates, and the expected best of n with its interval; None without any."""
-    by_row = tuning.candidates(known)
-    if not by_row:
+    found = tuning.candidates(known)
+    if not found:
         return None
+    # As they end in the panel on the right, the best first.
+    by_row = dict(sorted(found.items(), key=lambda item: -tuning.expected_best(item[1])[-1]))
     drawn = looks.agents(by_row)
     figure, axes = style.panels(1, 2, height=max(1.9, 0.4 + 0.25 * len(by_row)))
     spread, best = axes[0]
@@ -32,21 +34,31 @@ def draw(known: pd.DataFrame) -> Figure | None:
         diverged = np.isnan(scores)
         counted = np.where(diverged, tuning.DIVERGED, scores)
         low, middle, high = np.percentile(counted, [25, 50, 75])
-        spread.plot([low, high], [place] * 2, color=color, alpha=0.35, linewidth=7, solid_capstyle="butt")
-        spread.plot([middle] * 2, [place - 0.25, place + 0.25], color=color, linewidth=2)
-        for marker, which in (("o", ~diverged), ("x", diverged)):
+        bar = [max(low, 0), max(high, 0)]
+        spread.plot(bar, [place] * 2, color=color, alpha=0.35, linewidth=7, solid_capstyle="butt")
+        spread.plot([max(middle, 0)] * 2, [place - 0.25, place + 0.25], color=color, linewidth=2)
+        seen = np.where(diverged, score_axis.CLIPPED_AT, counted)
+        for marker, which in (("o", ~diverged & (counted >= 0)), ("x", diverged)):
             heights = np.full(which.sum(), place)
-            spread.plot(counted[which], heights, marker, color="0.2", fillstyle="none", markersize=4)
+            spread.plot(seen[which], heights, marker, color="0.2", fillstyle="none", markersize=4)
+        score_axis.mark_lowest(spread, place, counted.min(), color)
         expected = tuning.expected(scores)
         n = np.arange(1, len(scores) + 1)
         best.plot(n, expected.estimate, label=row, markersize=3.5, linewidth=1.2, **drawn[row])
         best.fill_between(n, expected.low, expected.high, color=color, alpha=0.1, linewidth=0)
+        score_axis.mark_below(best, n, expected.estimate, color)
     spread.set_yticks(range(len(by_row)), list(by_row))
     spread.set_ylim(len(by_row) - 0.5, -0.5)
+    spread.set_xlim(0, score_axis.HIGHEST)
     spread.set_xlabel("score of a candidate in the first rung")
-    spread.set_title("circles: candidates; bar: quartiles and median", fontsize=style.TEXT)
+    spread.set_title(
+        "circles: candidates; bar: quartiles and median;\n"
+        "a triangle and a number: the lowest of those below 0",
+        fontsize=style.TEXT,
+    )
+    best.set_ylim(0, score_axis.HIGHEST)
     best.set_xlabel("n candidates drawn at random")
     best.set_ylabel("expected best score")
-    best.set_title("best of n, 95 % bootstrap band", fontsize=style.TEXT)
+    best.set_title("best of n, 95 % bootstrap band;\na triangle: a score below 0", fontsize=style.TEXT)
     style.legend(figure, *best.get_legend_handles_labels())
     return figure
