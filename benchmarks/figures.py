@@ -18,7 +18,7 @@ from rich.table import Table
 from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Pose
 from usbench.envs.probe import DEFAULT_ARRAY
-from usbench.envs.rf import simulate_iq
+from usbench.envs.rf import FEW_PAIRS, simulate_iq
 from usbench.envs.scanner import scan
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -28,14 +28,16 @@ OFFSETS = np.arange(101) * 1e-4
 Floats = npt.NDArray[np.float64]
 
 
+def point(x: float, depth: float, focal_depth: float, lines: npt.ArrayLike) -> tuple[Floats, Floats]:
+    """Return envelope and time of a point; silent points beside it have it summed with the table."""
+    n = FEW_PAIRS + 1
+    iq, time = simulate_iq([(x, 0.0, depth)] * n, np.arange(n) == 0, DEFAULT_ARRAY, focal_depth, lines)
+    return np.abs(iq), time
+
+
 def profile(focal_depth: float, depth: float) -> Floats:
     """Return how loud the line at x = 0 hears a point at `depth` m and at OFFSETS beside it, (n_offsets,)."""
-    return np.array(
-        [
-            np.abs(simulate_iq([(x, 0.0, depth)], [1.0], DEFAULT_ARRAY, focal_depth, [0.0])[0]).max()
-            for x in OFFSETS
-        ]
-    )
+    return np.array([point(x, depth, focal_depth, [0.0])[0].max() for x in OFFSETS])
 
 
 def width(values: Floats, level_db: float) -> str:
@@ -80,17 +82,17 @@ def widths(theirs: dict[tuple[float, float], Floats]) -> Table:
 def point_image(axes: Axes, depth: float) -> None:
     """Draw the image of a point at `depth` m with the focus at 50 mm."""
     x = np.arange(-100, 101) * 1e-4
-    iq, time = simulate_iq([(0.0, 0.0, depth)], [1.0], DEFAULT_ARRAY, 50e-3, x)
+    envelope, time = point(0.0, depth, 50e-3, x)
     z = (time - DEFAULT_ARRAY.pulse_delay) * DEFAULT_ARRAY.speed_of_sound / 2 - depth
     rows = np.abs(z) <= 2.8e-3
-    shown = decibels(np.abs(iq[rows]).astype(np.float64))
+    shown = decibels(envelope[rows].astype(np.float64))
     axes.pcolormesh(x * 1e3, z[rows] * 1e3, shown, cmap="gray", vmin=-60, vmax=0, shading="gouraud")
     axes.set(title=f"point at {depth * 1e3:.0f} mm", ylim=(2.5, -2.5))
 
 
 def point_response(theirs: dict[tuple[float, float], Floats]) -> Figure:
     """Return images of a point at several depths, and its lateral profiles beside the reference's."""
-    figure = Figure(figsize=(9.0, 5.0), layout="constrained")
+    figure = Figure(figsize=(9.0, 5.3), layout="constrained")
     axes = figure.subplots(2, len(DEPTHS), sharex=True, sharey="row")
     for above, below, depth in zip(*axes, DEPTHS, strict=True):
         point_image(above, depth)
@@ -105,7 +107,8 @@ def point_response(theirs: dict[tuple[float, float], Floats]) -> Figure:
         below.grid(color="0.9")
     axes[0, 0].set_ylabel("depth from the point (mm)")
     axes[1, 0].set_ylabel("peak of the envelope (dB)")
-    axes[1, -1].legend(loc="lower center", fontsize="x-small")
+    # Not over the skirts of a curve, where the two differ.
+    figure.legend(*axes[1, -1].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
 
 
