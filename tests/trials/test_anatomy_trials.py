@@ -10,7 +10,7 @@ import sweep_worker
 from state_files import read_state
 from volumes import block, write
 
-from usbench import anatomy_record, cli, records, released, suite
+from usbench import anatomy_record, cli, records, suite
 from usbench.cli.phantom import custom_anatomy
 from usbench.envs import frames, guidance, oracle
 from usbench.envs.anatomy import tissue
@@ -127,11 +127,18 @@ def test_the_same_content_is_the_same_trial_wherever_it_lies(trial, file, tmp_pa
     assert len({config.hash, *(other.hash for other in others)}) == 5
 
 
-@pytest.mark.parametrize("task", ["fp", "pp"])
-def test_the_papers_trials_are_called_as_ever(task):
-    # An earlier trial, whose agent comes with the package.
-    card = (released.folder_of(f"vpg:{task}") / released.CARD).read_text()
-    assert f"| trial | `{resolve('vpg', task).folder_name}` |" in card
+@pytest.mark.parametrize(
+    ("task", "seed", "name"),
+    [
+        # Of earlier trials, which people may have, and of those whose agents come with the package.
+        ("fp", 0, "fp-p0-vpg-s0-6f990006"),
+        ("pp", 0, "pp-p0-vpg-s0-f5fd15c6"),
+        ("fp", 100, "fp-p0-vpg-s100-9aa97ea8"),
+        ("pp", 107, "pp-p0-vpg-s107-805843f6"),
+    ],
+)
+def test_the_papers_trials_are_called_as_ever(task, seed, name):
+    assert resolve("vpg", task, seed=seed).folder_name == name
 
 
 def test_watching_finds_the_volume_again_or_says_what_is_missing(trial, _made, capsys, made, monkeypatch):
@@ -148,7 +155,7 @@ def test_watching_finds_the_volume_again_or_says_what_is_missing(trial, _made, c
     shutil.rmtree(made / "cache")
     frames.forget_stores()
     capsys.readouterr()
-    assert cli.main(["watch", str(trial), "--episode", "0"]) == 1
+    assert cli.main(["watch", str(trial), "--episode", "0"]) == 2
     assert f"there is no volume '{gone.path}'" in capsys.readouterr().err
     write(made / "gone.mha", np.full((91, 61, 81), 100, np.uint8))
     assert cli.main(["watch", str(trial), "--episode", "0"]) == 1
