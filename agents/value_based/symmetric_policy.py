@@ -23,7 +23,7 @@ class SymmetricQNetwork(QNetwork):
     views: Views | None
 
     def __init__(self, *args: Any, symmetries: Any = None, canonical: bool = True, **kwargs: Any) -> None:
-        """Takes SB3's arguments; `symmetries` are those of the task, None for none."""
+        """Takes SB3's arguments, the task's `symmetries` (None for none), and whether views are canonical."""
         super().__init__(*args, **kwargs)
         self.canonical = canonical
         n_outputs = int(self.action_space.n) + 1

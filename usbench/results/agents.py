@@ -67,7 +67,8 @@ def _alike(trial: pd.Series) -> int:
     wanted = {**row.hyperparameters, **row.tasks.get(trial["task"], {})}
     same = all(settings.get(name) == value for name, value in wanted.items())
     as_usual = n_frames(trial["settings"]) == TrialConfig.n_frames
-    return sum(map(int, (same, trial["steps"] == row_of(trial["task"]).steps, as_usual)))
+    whole = trial["steps"] == row_of(trial["task"]).steps
+    return int(same) + int(whole) + int(as_usual)
 
 
 def _difference(rows: pd.DataFrame, others: pd.DataFrame) -> str:

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 from tqdm import tqdm
 
-from usbench import records
+from usbench import records, suite
 from usbench.agents import zoo
 from usbench.records import Trial, TrialConfig
 from usbench.tasks import row_of
@@ -177,8 +177,8 @@ def print_trial(folder: Path, figures: dict[str, Path]) -> None:
 
 def _is_guided(config: TrialConfig) -> bool:
     """Return whether the guide takes it: a learner of this package, on a task that moves the probe."""
-    moves = "final_distance_mm" not in row_of(config.task).silent
-    return moves and config.steps > 0 and config.algo.partition("+")[0] in zoo.ZOO
+    learned = config.steps > 0 and config.algo.partition("+")[0] in zoo.ZOO
+    return learned and suite.TASKS[config.task].is_guided
 
 
 def duration(seconds: float) -> str:
