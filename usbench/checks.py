@@ -9,6 +9,7 @@ from __future__ import annotations
 import difflib
 import math
 import numbers
+import re
 import reprlib
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
@@ -142,6 +143,17 @@ def check_seed(seed: object) -> int:
     if isinstance(seed, float):
         raise TypeError(_refused("seed", seed, whole_interval(0, 2**32 - 1)))
     return whole_number("seed", seed, 0, 2**32 - 1)
+
+
+def check_plain_name(what: str, name: str) -> str:
+    """Return `name` if a folder may have it anywhere: up to 64 letters, digits, "-" and "_".
+
+    Raises:
+        ValueError: If not.
+    """
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", name):
+        raise ValueError(f"{what} must be of up to 64 letters, digits, '-' and '_', not {name!r}.")
+    return name
 
 
 def interval(low: float, high: float, *, above: bool = False, below: bool = False) -> str:

@@ -10,7 +10,7 @@ import time
 import pytest
 from state_files import read_state
 
-from usbench import cli, records
+from usbench import cli, records, suite
 from usbench.agents.zoo import ZOO
 from usbench.trials import runner
 
@@ -127,12 +127,13 @@ def test_interruption_is_status_130_and_keeps_the_state(capsys, tmp_path, quick,
 def test_list_shows_a_line_for_each_task_and_algorithm_in_80_columns(capsys):
     assert cli.main(["list"]) == 0
     shown = capsys.readouterr().out
-    for word in ("usbench/FocalPoint-v0", "16064", "vpg", "oracle"):
-        assert word in shown
     assert max(map(len, shown.splitlines())) <= 80 and "n_value_steps" not in shown
-    algorithms = shown.partition("algorithms:")[2].partition("probes,")[0]
+    tasks, _, algorithms = shown.partition("probes,")[0].partition("algorithms:")
     for name, row in ZOO.items():
         assert re.search(rf"^  {name} .*{re.escape(row.title)} *$", algorithms, re.MULTILINE)
+    for name, task in suite.TASKS.items():
+        line = rf"^  {name} +{task.steps} +{re.escape(task.guidance.title)} *$"
+        assert re.search(line, tasks, re.MULTILINE)
 
 
 @pytest.mark.parametrize(("name", "said"), [
@@ -200,8 +201,16 @@ def test_helps_fit_80_columns(name, monkeypatch):
     assert [line for line in text.split("\n") if len(line) > 80] == []
 
 
-def test_a_guide_to_an_unknown_task_is_refused_before_its_address_is_told(capsys):
-    assert "unknown task 'pq' (did you mean 'pp'?)" in refusal(capsys, "guide", "--task", "pq")
+@pytest.mark.parametrize(
+    ("option", "value", "said"),
+    [
+        ("--task", "pq", "unknown task 'pq' (did you mean 'pp'?)"),
+        ("--seed", "x", "seed must be a whole number"),
+        ("--study", "bad/name", "the name of a study must be of up to 64 letters"),
+    ],
+)
+def test_what_a_guide_cannot_use_is_refused_before_its_address_is_told(capsys, option, value, said):
+    assert said in refusal(capsys, "guide", option, value)
 
 
 def test_module_is_the_command():

@@ -135,6 +135,8 @@ def test_studies_alone_are_a_report_and_no_leaderboard(tmp_path, capsys):
     page = out.read_text()
     assert "There is no trial beside the studies" in page and "<td>human + advice</td>" in page
     assert "0 trials" not in page.partition("<body>")[2]
+    assert cli.main(["report", str(runs / "study-anna"), "--out", str(out), "--quiet"]) == 0
+    assert out.read_text() == page
     for option in ("--runs", "--add"):
         assert cli.main(["leaderboard", option, str(runs), "--leaderboard", str(tmp_path / "b.md")]) == 2
         assert "only what usbench report shows, studies (study-anna)" in capsys.readouterr().err

@@ -79,6 +79,11 @@ def test_a_table_of_something_else_is_refused(tmp_path):
         held_out.read(tmp_path)
 
 
+def play(folder, algos=None, tell=lambda _: None):
+    """Test what is untested of the trials and tables in `folder`."""
+    transfer.write(folder, folder, transfer.untested(folder, folder, algos, tell), tell)
+
+
 def test_an_agent_is_tested_once_on_every_phantom_of_the_list(finished, tmp_path, monkeypatch, capsys):
     tables.write(tables.collect(finished.parent), tmp_path / "leaderboard_files")
     command = ["transfer", "--runs", str(finished.parent), "--leaderboard", str(tmp_path / "leaderboard.md")]
@@ -92,12 +97,24 @@ def test_an_agent_is_tested_once_on_every_phantom_of_the_list(finished, tmp_path
     assert "## Phantoms never seen" in (tmp_path / "leaderboard.md").read_text()
     shutil.rmtree(finished)
     assert cli.main([*command, "--quiet"]) == 0  # nothing is opened again
+    capsys.readouterr()
+    assert cli.main([*command[:2], str(tmp_path / "nowhere"), *command[3:]]) == 2
+    assert "there is no folder" in capsys.readouterr().err
+
+
+def test_a_wrong_name_leaves_no_tables(tmp_path, capsys):
+    (tmp_path / "runs").mkdir()
+    board = tmp_path / "own.md"
+    command = ["transfer", "--runs", str(tmp_path / "runs"), "--leaderboard", str(board)]
+    assert cli.main([*command, "--algos", "nope", "--quiet"]) == 2
+    assert "there is no finished trial of 'nope'" in capsys.readouterr().err
+    assert not list(tmp_path.glob("own_files/*"))
 
 
 def test_without_a_trial_on_one_phantom_there_is_nothing_to_test(tmp_path):
     tables.write(made(trial("vpg", task="pp-random"), trial("oracle", task="pp")), tmp_path)
     with pytest.raises(ConfigurationError, match="no finished trial on fp, pp"):
-        transfer.write(tmp_path, tmp_path)
+        transfer.untested(tmp_path, tmp_path)
 
 
 def test_what_was_tested_is_kept_when_a_later_test_fails(tmp_path, monkeypatch):
@@ -117,14 +134,14 @@ def test_what_was_tested_is_kept_when_a_later_test_fails(tmp_path, monkeypatch):
 
     monkeypatch.setattr(transfer, "test", test)
     with pytest.raises(KeyboardInterrupt):
-        transfer.write(tmp_path, tmp_path)
+        play(tmp_path)
     assert list(held_out.read(tmp_path)["trial"]) == names[:1]
     shutil.rmtree(tmp_path / names[2])
     with pytest.raises(ConfigurationError, match=r"1 of 2 trials to test are not in .*, as pp-p0-vpg-s102"):
-        transfer.write(tmp_path, tmp_path)
+        play(tmp_path)
     tables.write(made(*seeds("vpg", [0.8, 0.9], task="pp")), tmp_path)
     with pytest.raises(RuntimeError, match=r"1 of 1 trials cannot be tested, as its model is broken\."):
-        transfer.write(tmp_path, tmp_path)
+        play(tmp_path)
 
 
 def test_how_long_the_tests_take_is_told(tmp_path, monkeypatch, caplog):
@@ -137,7 +154,7 @@ def test_how_long_the_tests_take_is_told(tmp_path, monkeypatch, caplog):
     tables.write(made(*seeds("vpg", [0.8, 0.9], task="pp")), tmp_path)
     monkeypatch.setattr("usbench.compare.transfer.Setting.prepare_frames", lambda _: None)
     monkeypatch.setattr(transfer, "test", lambda trial, algo: rows_of(0.1).iloc[0].to_dict())
-    transfer.write(tmp_path, tmp_path)
+    play(tmp_path)
     assert caplog.messages[0].startswith("Testing agents on phantoms never seen: some ")
 
 
@@ -150,9 +167,9 @@ def test_agents_of_ones_own_are_opened_only_if_they_are_named(tmp_path, monkeypa
     monkeypatch.setattr(
         transfer, "test", lambda trial, algo: opened.append(algo) or rows_of(0.1).iloc[0].to_dict()
     )
-    transfer.write(tmp_path, tmp_path, told.append)
+    play(tmp_path, None, told.append)
     assert told == [f"left out, as testing them runs their code, unless they are named: {own}"] and not opened
-    transfer.write(tmp_path, tmp_path, told.append, [own])
+    play(tmp_path, [own], told.append)
     assert opened == [own]
     with pytest.raises(ConfigurationError, match="no finished trial of 'vpg' on fp, pp: .* of mine:LongPPO"):
-        transfer.write(tmp_path, tmp_path, told.append, ["vpg"])
+        transfer.untested(tmp_path, tmp_path, ["vpg"])

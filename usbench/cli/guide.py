@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from usbench import released
-from usbench.checks import ConfigurationError, probability
+from usbench.checks import ConfigurationError, check_plain_name, check_seed, probability
 from usbench.cli.arguments import add_probe_and_imaging, add_runs, number, probe_and_imaging
 from usbench.tasks import row_of
 
@@ -105,6 +105,10 @@ def _check(args: argparse.Namespace) -> None:
             row_of(args.task)
         if args.noise is not None:
             probability("noise", args.noise)
+        if args.seed is not None:
+            check_seed(args.seed)
+        if args.study is not None:
+            check_plain_name("the name of a study", args.study)
     except (TypeError, ValueError) as error:
         raise ConfigurationError(str(error)) from error
     if args.trial is not None and not released.place(args.trial).is_dir():

@@ -46,9 +46,9 @@ def _everything() -> list[Table]:
     from usbench.agents.plugins import registered
     from usbench.agents.zoo import ZOO
 
-    tasks = _table("tasks: usbench list TASK shows the actions", "task", "Gymnasium id", "steps", "title")
+    tasks = _table("tasks: usbench list TASK shows actions and Gymnasium id", "task", "steps", "title")
     for name, task in suite.TASKS.items():
-        tasks.add_row(name, task.env_id, str(task.steps), task.guidance.title)
+        tasks.add_row(name, str(task.steps), task.guidance.title)
     algorithms = _table(
         "algorithms: usbench list ALGORITHM shows the hyperparameters", "algorithm", "what it is"
     )

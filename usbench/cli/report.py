@@ -24,7 +24,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         nargs="?",
         type=Path,
         metavar="RUNS",
-        help="folder of trials, or a single trial (default: that of --runs)",
+        help="folder of trials, or a single trial or study (default: that of --runs)",
     )
     add_runs(report)
     report.add_argument(

@@ -44,8 +44,9 @@ def _call(args: argparse.Namespace) -> None:
             print(text, file=sys.stderr)
 
     folder = leaderboard.prepare(args.leaderboard)
+    missing = transfer.untested(args.runs, published.or_own(folder), args.algos, tell)
     if published.bring(folder):
         tell(FROM_THE_PACKAGE.format(folder))
-    print(transfer.write(args.runs, folder, tell, args.algos))
+    print(transfer.write(args.runs, folder, missing, tell))
     for path in leaderboard.write(folder, args.leaderboard):
         print(path)

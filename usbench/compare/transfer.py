@@ -15,44 +15,59 @@ from usbench.trials.model_loading import load_agent
 from usbench.waiting import Waiting
 
 
-def write(
+def untested(
     runs: Path,
     folder: Path,
-    tell: Callable[[str], None] = lambda _: None,
     algos: Sequence[str] | None = None,
-) -> Path:
-    """Test the agents of a comparison that have not been tested, and write `held_out.csv`; return its path.
-
-    It is written after every test, so that none is lost.
+    tell: Callable[[str], None] = lambda _: None,
+) -> pd.DataFrame:
+    """Return the rows of a comparison's trials that `write` has to test.
 
     Args:
         runs: Where the comparison's trials are.
         folder: Where its tables are.
-        tell: Told which trial is tested, and what is left out.
         algos: The algorithms to test; None for all but those from other modules, whose code would run.
+        tell: Told what is left out.
 
     Raises:
-        ConfigurationError: If there is nothing to test, or trials are missing in `runs`.
-        RuntimeError: If a model cannot be opened; the others are tested.
-        FileNotFoundError: If there are no tables.
-        ValueError: If they are broken.
+        ConfigurationError: If there is no trial to test, none of `algos`, or one is not in `runs`.
+        FileNotFoundError: If there are no tables, or no folder `runs`.
+        ValueError: If the tables are broken.
     """
+    records.existing(runs)
     trials = held_out.candidates(tables.read(folder))
     if trials.empty:
         tasks = ", ".join(held_out.MANY)
         raise ConfigurationError(
             f"{str(folder)!r} tells of no finished trial on {tasks}: run usbench compare."
         )
-    known = held_out.read(folder)
-    rows = known[known["trial"].isin(trials["trial"])].to_dict("records")
-    missing = _asked(trials, algos, tell)
-    missing = missing[~missing["trial"].isin(known["trial"])]
+    asked = _asked(trials, algos, tell)
+    missing = asked[~asked["trial"].isin(held_out.read(folder)["trial"])]
     absent = [name for name in missing["trial"] if not (runs / name / records.TRIAL).is_file()]
     if absent:
         raise ConfigurationError(
             f"{len(absent)} of {len(missing)} trials to test are not in {str(runs)!r}, as {absent[0]}: "
             "name the folder where they are."
         )
+    return missing
+
+
+def write(
+    runs: Path, folder: Path, missing: pd.DataFrame, tell: Callable[[str], None] = lambda _: None
+) -> Path:
+    """Test trials, write `held_out.csv` after every test, so that none is lost, and return its path.
+
+    Args:
+        runs: Where the trials are.
+        folder: Where the comparison's tables are; tests of trials that these do not have are left out.
+        missing: What `untested` returned.
+        tell: Told which trial is tested.
+
+    Raises:
+        RuntimeError: If a model cannot be opened; the others are tested.
+    """
+    known = held_out.read(folder)
+    rows = known[known["trial"].isin(held_out.candidates(tables.read(folder))["trial"])].to_dict("records")
     torch.set_num_threads(1)  # as in training: the bits do not depend on the machine
     for task in dict.fromkeys(missing["task"].map(held_out.MANY)):
         tell(f"frames of {task}")

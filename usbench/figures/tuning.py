@@ -21,11 +21,9 @@ def write(folder: Path, out: Path, formats: Sequence[str] = ("png",)) -> list[Pa
 
 def draw(known: pd.DataFrame) -> Figure | None:
     """Draw each row's candidates, and the expected best of n with its interval; None without any."""
-    found = tuning.candidates(known)
-    if not found:
+    by_row = tuning.candidates(known)
+    if not by_row:
         return None
-    # As they end in the panel on the right, the best first.
-    by_row = dict(sorted(found.items(), key=lambda item: -tuning.expected_best(item[1])[-1]))
     drawn = looks.agents(by_row)
     figure, axes = style.panels(1, 2, height=max(1.9, 0.4 + 0.25 * len(by_row)))
     spread, best = axes[0]

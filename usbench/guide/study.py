@@ -7,13 +7,13 @@ depends on the name.
 
 import hashlib
 import json
-import re
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from usbench.atomic import atomic_file
+from usbench.checks import check_plain_name
 from usbench.guide.examination import Examination, Opened
 from usbench.records import EVALUATIONS, ConfigurationError, Evaluation
 from usbench.records.journal import Journal, read_rows
@@ -57,11 +57,10 @@ class Study:
         Raises:
             ConfigurationError: If `name` cannot be that of a folder, or the study has begun otherwise.
         """
-        if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", name):
-            raise ConfigurationError(
-                f"the name of a study must be of up to 64 letters, digits, '-' and '_', not {name!r}."
-            )
-        self.name, self.setting = name, setting
+        try:
+            self.name, self.setting = check_plain_name("the name of a study", name), setting
+        except ValueError as error:
+            raise ConfigurationError(str(error)) from error
         self.folder, self.plays = runs / f"study-{name}", plan(name, setting)
         record = {"study": name, "task": setting.task, "noise": setting.noise, "agent": agent}
         self._begin({**record, "anchors": asdict(setting.anchors()), "environment": setting.record()})

@@ -78,6 +78,17 @@ def trial_folders(runs: Path) -> list[Path]:
     return [folder for folder in candidates if not _EARLIER.search(folder.name)]
 
 
+def existing(runs: Path) -> Path:
+    """Return `runs` if it is a folder.
+
+    Raises:
+        FileNotFoundError: If not.
+    """
+    if not runs.is_dir():
+        raise FileNotFoundError(f"there is no folder {str(runs)!r} with trials.")
+    return runs
+
+
 def no_trial(folder: Path) -> ConfigurationError:
     """Return the error for a `folder` that holds no trial, or that is not there."""
     why = (

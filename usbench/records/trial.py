@@ -18,7 +18,7 @@ from usbench.atomic import atomic_file
 from usbench.ceilings import ceiling
 from usbench.records.checksums import KEY, check, damaged, of_state
 from usbench.records.configuration import TrialConfig
-from usbench.records.folder import EPISODES, EVALUATIONS, TRIAL, no_trial, trial_folders
+from usbench.records.folder import EPISODES, EVALUATIONS, TRIAL, existing, no_trial, trial_folders
 from usbench.records.journal import read_rows
 
 SCHEMA = 1
@@ -205,9 +205,8 @@ def load_trials(runs: str | Path = "runs") -> list[Trial]:
         FileNotFoundError: If there is no such folder.
         ValueError: If a record is damaged.
     """
-    if not Path(runs).is_dir():
-        raise FileNotFoundError(f"there is no folder {str(runs)!r} with trials.")
-    return [trial for folder in trial_folders(Path(runs)) if (trial := Trial.find(folder)) is not None]
+    folders = trial_folders(existing(Path(runs)))
+    return [trial for folder in folders if (trial := Trial.find(folder)) is not None]
 
 
 def load(

@@ -35,7 +35,7 @@ def check(runs: Path, out: Path) -> Path:
 
 
 def write(runs: Path, out: Path, tell: Tell = lambda _: None) -> Path:
-    """Write the page of all trials and studies in `runs`, or of a trial itself, and return its path.
+    """Write the page of all trials and studies in `runs`, or of a single one, and return its path.
 
     Args:
         runs: Where the trials are.

@@ -24,7 +24,9 @@ COLUMNS = (
 
 
 def folders(runs: Path) -> list[Path]:
-    """Return the folders of the studies in `runs`."""
+    """Return the folders of the studies in `runs`, which may be one itself."""
+    if (runs / STUDY).exists():
+        return [runs]
     return sorted(path.parent for path in runs.glob(f"*/{STUDY}"))
 
 

@@ -97,8 +97,7 @@ def collect(
         FileNotFoundError: If there is no such folder.
         ValueError: If a record is broken, or two folders hold the same trial.
     """
-    if not runs.is_dir():
-        raise FileNotFoundError(f"there is no folder {str(runs)!r} with trials.")
+    records.existing(runs)
     places: list[tuple[TrialConfig | None, Path]] = [(own, runs / own.folder_name) for own in _once(planned)]
     rows, finished, curves = [], {}, {}
     for config, folder in places or [(None, folder) for folder in records.trial_folders(runs)]:

@@ -66,10 +66,13 @@ def read(folder: Path) -> pd.DataFrame:
 
 
 def candidates(known: pd.DataFrame) -> dict[str, stats.Array]:
-    """Return the mean score of each candidate by row, `(n_candidates,)`, NaN where it diverged; in order."""
+    """Return the mean score of each candidate by row, `(n_candidates,)`, NaN where it diverged.
+
+    The row whose best candidate has the highest score comes first.
+    """
     means = known.groupby(["row", "candidate"])["score"].agg(lambda own: own.mean(skipna=False))
     found = {str(row): own.to_numpy(np.float64) for row, own in means.groupby("row")}
-    return {row: found[row] for row in sorted(found)}
+    return dict(sorted(found.items(), key=lambda item: (-expected_best(item[1])[-1], item[0])))
 
 
 def expected_best(scores: stats.Array) -> stats.Array:
