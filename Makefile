@@ -23,9 +23,9 @@ $(VENV)/.running: pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --disable-pip-version-check -c constraints.txt -e '.[guide]'
 	@touch $@
 
-run: $(if $(wildcard $(STAMP)),$(STAMP),$(VENV)/.running)  ## train the paper's agent on the probe-plane task and show what it learnt
+run: $(if $(wildcard $(STAMP)),$(STAMP),$(VENV)/.running)  ## train DQN on the probe-plane task and show what it learnt
 	@echo "training takes 2 to 5 minutes on one core; Ctrl-C keeps what is done, and make run goes on from there."
-	$(BIN)/usbench run --algo vpg --task pp
+	$(BIN)/usbench run --algo dqn --task pp
 	@echo "usbench is $(BIN)/usbench here."
 
 # One process per core and one thread per process: more threads would wait for each other.

@@ -10,6 +10,7 @@ import re
 from dataclasses import astuple
 from pathlib import Path
 
+import numpy as np
 from PIL import Image
 
 from usbench import suite
@@ -17,7 +18,7 @@ from usbench.anchors import Anchors
 from usbench.ceilings import bound, ceiling
 from usbench.coordinates import BY_NAME
 from usbench.setting import Setting
-from usbench.watch import replay
+from usbench.watch import panels, replay
 
 FOLDER = Path(__file__).parents[1] / "docs" / "environments"
 STEP_MS, LAST_STEP_MS, QUALITY = 450, 2000, 50
@@ -149,13 +150,13 @@ def pictures(task: str) -> list[Image.Image]:
 
 
 def film(pages: list[Image.Image], path: Path) -> None:
-    """Write the pages as a moving picture, and one of the first as a smaller still beside it."""
+    """Write the pages as a moving picture, and one of the first without its words as a still beside it."""
     small = [page.resize((WIDTH, round(page.height * WIDTH / page.width)), Image.LANCZOS) for page in pages]
     durations = [STEP_MS] * (len(small) - 1) + [LAST_STEP_MS]
     small[0].save(path, save_all=True, append_images=small[1:], duration=durations, loop=0, quality=QUALITY)
-    first = pages[len(pages) // 4]
-    still = first.resize((STILL_WIDTH, round(first.height * STILL_WIDTH / first.width)), Image.LANCZOS)
-    still.save(path.with_suffix(".png"), optimize=True)
+    # Its words could not be read at that size.
+    still, _ = panels.side_by_side(np.asarray(pages[len(pages) // 4]), STILL_WIDTH, STILL_WIDTH)
+    Image.fromarray(still).save(path.with_suffix(".png"), optimize=True)
 
 
 def main() -> None:

@@ -48,4 +48,4 @@ def test_every_task_has_a_moving_picture_and_a_still(task):
     with Image.open(FOLDER / f"{task}.webp") as film:
         assert film.n_frames >= 5 and film.width == WRITER["WIDTH"]
     with Image.open(FOLDER / f"{task}.png") as still:
-        assert still.width == WRITER["STILL_WIDTH"]
+        assert WRITER["STILL_WIDTH"] - 5 < still.width <= WRITER["STILL_WIDTH"]

@@ -43,6 +43,8 @@ HEIGHT = 580  # pixels; even, as is every width, since video encoders want it so
 VIEW, DEPTH_VIEW = 400, 450  # pixels for the phantom's width and depth: 5 per mm of the default phantom
 TOP, BOTTOM = 84, 84 + DEPTH_VIEW
 ABOVE_LEFT, SIDE_LEFT, FRAME_LEFT, RIGHT_MARGIN = 50, 526, 1000, 40
+# Size of letters: 16 pixels high, 9 where a page shows the picture 720 wide.
+SMALL = 0.5
 WIDEST_FRAME = 600  # pixels; a frame is as high as the side view, unless it would be wider
 
 
@@ -98,8 +100,8 @@ def draw_scene(
     _draw_frame(image, pose, frame, imaging)
     where = [f"x {_signed(pose.x_mm)} mm", f"focus {pose.focal_depth_mm} mm", f"angle {pose.angle_deg}\u00b0"]
     readout = (" " * 6).join([*where, *in_words(pose)])
-    text(image, readout, (ABOVE_LEFT, BOTTOM - 4), TEXT, 0.5, bold=True)
-    text(image, caption, (ABOVE_LEFT, BOTTOM + 22), FAINT_TEXT, 0.48)
+    text(image, readout, (ABOVE_LEFT, BOTTOM - 4), TEXT, SMALL, bold=True)
+    text(image, caption, (ABOVE_LEFT, BOTTOM + 22), FAINT_TEXT, SMALL)
     return image
 
 
@@ -159,15 +161,15 @@ def _draw_grid(image: Image, phantom: Tissue) -> None:
             x = left + width / 2 + mm * scale
             if left <= x <= left + width:
                 line(image, (x, TOP), (x, TOP + bottom), GRID)
-                text(image, _signed(mm), (x, TOP + bottom + 18), FAINT_TEXT, 0.4, align=0.5)
+                text(image, _signed(mm), (x, TOP + bottom + 18), FAINT_TEXT, SMALL, align=0.5)
         y = TOP + height / 2 + mm * scale
         if TOP <= y <= TOP + height:
             line(image, (ABOVE_LEFT, y), (ABOVE_LEFT + width, y), GRID)
-            text(image, _signed(mm), (ABOVE_LEFT - 8, y + 4), FAINT_TEXT, 0.4, align=1)
+            text(image, _signed(mm), (ABOVE_LEFT - 8, y + 4), FAINT_TEXT, SMALL, align=1)
     for mm in range(0, int(phantom.depth_mm) + 1, 10):
         y = TOP + mm * scale
         line(image, (SIDE_LEFT, y), (SIDE_LEFT + width, y), GRID)
-        text(image, str(mm), (SIDE_LEFT - 8, y + 4), FAINT_TEXT, 0.4, align=1)
+        text(image, str(mm), (SIDE_LEFT - 8, y + 4), FAINT_TEXT, SMALL, align=1)
 
 
 def _draw_rulers(image: Image, imaging: Imaging) -> None:
@@ -175,10 +177,10 @@ def _draw_rulers(image: Image, imaging: Imaging) -> None:
     scale, half_mm = _frame_scale(imaging), 1e3 * imaging.width / 2
     height, _ = _frame_size(imaging)
     for mm in range(0, round(1e3 * imaging.depth) + 1, 10):
-        text(image, str(mm), (FRAME_LEFT - 8, TOP + mm * scale + 4), FAINT_TEXT, 0.4, align=1)
+        text(image, str(mm), (FRAME_LEFT - 8, TOP + mm * scale + 4), FAINT_TEXT, SMALL, align=1)
     for mm in (-int(half_mm), 0, int(half_mm)):
         x = FRAME_LEFT + (mm + half_mm) * scale
-        text(image, _signed(mm), (x, TOP + height + 18), FAINT_TEXT, 0.4, align=0.5)
+        text(image, _signed(mm), (x, TOP + height + 18), FAINT_TEXT, SMALL, align=0.5)
 
 
 def _panel(image: Image, left: int, width: float, height: float, title: str, unit: str) -> None:
@@ -187,7 +189,7 @@ def _panel(image: Image, left: int, width: float, height: float, title: str, uni
     ramp = np.linspace(PANEL_TOP, PANEL_BOTTOM, rows)[:, np.newaxis, :]
     image[TOP : TOP + rows, left : left + columns] = ramp.astype(np.uint8)
     text(image, title, (left, 30), TEXT, 0.6, bold=True)
-    text(image, unit, (left + width, 30), FAINT_TEXT, 0.42, align=1)
+    text(image, unit, (left + width, 30), FAINT_TEXT, SMALL, align=1)
 
 
 def _draw_object(image: Image, phantom: Tissue, shown: ObjectOfInterest) -> None:

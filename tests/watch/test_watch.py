@@ -18,7 +18,7 @@ from usbench.envs.probe import LinearArray
 from usbench.setting import Setting, make_env
 from usbench.trials import runner
 from usbench.trials.configuration import resolve
-from usbench.watch import film, replay, selection, terminal
+from usbench.watch import film, panels, replay, selection, terminal
 from usbench.watch.advice import Adviser
 from usbench.watch.moment import Advice
 
@@ -126,7 +126,7 @@ def test_page_marks_the_advised_action(finished):
     names = replay.action_names(Setting(task="pp"))
     page = np.asarray(film.page(played[0], 16, names))
     height = played[0].picture.shape[0]
-    rows = page[height + 2 + 22 * played[0].advice.best :][4:16, 940:1200]
+    rows = page[height + 2 + 22 * played[0].advice.best :][4:16, film.BAR_LEFT :]
     assert (rows == film.BEST).all(axis=2).any()
     np.testing.assert_array_equal(page[:height], played[0].picture)
 
@@ -140,7 +140,7 @@ def test_page_has_room_for_advice_on_every_action_and_tells_the_settings(quick):
     ]
     page = np.asarray(film.page(played[0], 2, names))
     top = played[0].picture.shape[0] + 2 + 22 * (len(names) - 1)
-    assert (page[top + 4 : top + 16, 940:1190] == film.BEST).all()
+    assert (page[top + 4 : top + 16, film.BAR_LEFT : film.BAR_LEFT + film.BAR_WIDTH] == film.BEST).all()
     pose = played[-1].pose
     assert f"{pose.frequency_khz / 1e3:g} MHz, {pose.dynamic_range_db} dB" in terminal.table(played, names)
 
@@ -201,10 +201,11 @@ def test_terminal_shows_colour_blocks_and_words(finished, without_waiting):
 @pytest.mark.parametrize(("width", "height"), [(80, 24), (40, 15), (200, 60)])
 def test_scene_fits_the_terminal(finished, width, height):
     _, played = moments(finished)
-    image, starts = terminal.panels(played[0].picture, width, height)
+    image, starts = panels.side_by_side(played[0].picture, width, 2 * height)
+    _, side, frame = starts.values()
     assert image.shape[0] <= 2 * height and image.shape[0] % 2 == 0 and image.shape[1] <= width
     # Two pixels make a character twice as high as wide: 80 mm across is as long as 80 mm of depth.
-    assert (starts[2] - starts[1] - terminal.GAP) / image.shape[0] == pytest.approx(400 / 490, rel=0.15)
+    assert (frame - side - panels.GAP) / image.shape[0] == pytest.approx(400 / 490, rel=0.15)
 
 
 @pytest.mark.parametrize(("height_px", "width_px"), [(128, 128), (64, 20)])
@@ -218,7 +219,7 @@ def test_watching_follows_the_trials_probe_and_imaging(quick, tmp_path, height_p
     selection.write(chosen, tmp_path / "a.webp")
     with Image.open(tmp_path / "a.webp") as animation:
         assert animation.n_frames == 17 and animation.width >= film.WIDTH
-    image, starts = terminal.panels(played[0].picture, 100, 30)
+    image, starts = panels.side_by_side(played[0].picture, 100, 60)
     assert image.shape[1] <= 100 and image.shape[0] <= 60 and len(starts) == 3
     assert "advice for" in terminal.table(iter(played), chosen.names)
 

@@ -23,11 +23,11 @@ from usbench.results.agents import named
 from usbench.results.scores import SCORED
 from usbench.results.tables import Results
 from usbench.setting import Setting
-from usbench.watch import film, replay
+from usbench.watch import film, panels, replay
 from usbench.watch.moment import Moment
 
 # Pixels.
-REPLAY_WIDTH, FOOTER, MARGIN, TEXT_SIZE, LINE = 560, 36, 12, 15, 20
+REPLAY_WIDTH, MARGIN, TEXT_SIZE, LINE = 560, 12, 15, 20
 
 
 @dataclass(frozen=True)
@@ -186,19 +186,20 @@ def play(trial: Trial, setting: Setting, agent: str) -> Replay:
 
 
 def _page(moment: Moment, steps: int) -> Image.Image:
-    """Return a small picture with two lines below it: `film.page` has four, and text takes most of a film."""
-    picture = Image.fromarray(moment.picture)
-    size = REPLAY_WIDTH, round(picture.height * REPLAY_WIDTH / picture.width)
-    page = Image.new("RGB", (REPLAY_WIDTH, size[1] + FOOTER), drawing.BACKGROUND)
-    page.paste(picture.resize(size, Image.Resampling.LANCZOS), (0, 0))
+    """Return the views with a title above each and two lines below, whose letters are legible as they are."""
+    views, starts = panels.side_by_side(moment.picture, REPLAY_WIDTH, REPLAY_WIDTH)
+    height = LINE + len(views)
+    page = Image.new("RGB", (REPLAY_WIDTH, height + 2 * LINE + MARGIN), drawing.BACKGROUND)
+    page.paste(Image.fromarray(views), (0, LINE))
+    draw, font = ImageDraw.Draw(page), ImageFont.load_default(size=TEXT_SIZE)
+    for title, left in starts.items():
+        draw.text((left, 0), title, fill=drawing.TEXT, font=font)
     words = [
         f"{moment.step}/{steps} {moment.action}{f', slipped {moment.slip}' if moment.slip else ''}",
         f"return {film.fixed(moment.return_)}    optimum {film.fixed(moment.optimum)}",
     ]
-    font = ImageFont.load_default(size=TEXT_SIZE)
     for number, line in enumerate(words):
-        place = MARGIN, size[1] - MARGIN + LINE * number
-        ImageDraw.Draw(page).text(place, line, fill=drawing.TEXT, font=font)
+        draw.text((0, height + MARGIN // 2 + LINE * number), line, fill=drawing.TEXT, font=font)
     page.info["duration"] = film.LAST_STEP_MS if moment.step == steps else film.STEP_MS
     return page
 

@@ -18,8 +18,8 @@ WEBP_QUALITY = 60
 CODECS = ("vp09", "mp4v")
 # Pixels; the words below a picture need this width, a picture of narrow frames is less wide.
 WIDTH = 1240
-FOOTER_HEIGHT, ACTION_HEIGHT = 120, 22
-ADVICE_LEFT, NAME_LEFT, BAR_LEFT, BAR_WIDTH = 600, 700, 940, 250
+WORDS_HEIGHT, LINE_HEIGHT, ACTION_HEIGHT, TEXT_SIZE = 120, 28, 22, 16
+LEFT, ADVICE_LEFT, NAME_LEFT, BAR_LEFT, BAR_WIDTH = 50, 580, 685, 950, 240
 # Red, green and blue.
 FOOTER, FAINT = (15, 18, 24), (150, 156, 168)
 BAR, BEST = (86, 180, 233), (240, 228, 66)
@@ -28,14 +28,15 @@ BAR, BEST = (86, 180, 233), (240, 228, 66)
 def page(moment: Moment, steps: int, names: Sequence[str], title: str = "") -> Image.Image:
     """Return the picture with words below it: what was done, and what the agent advises."""
     height, width, _ = moment.picture.shape
-    footer = max(FOOTER_HEIGHT, ACTION_HEIGHT * len(names) + 10)
-    image = Image.new("RGB", (max(width, WIDTH), height + footer), FOOTER)
+    words = height + max(WORDS_HEIGHT, ACTION_HEIGHT * len(names) + 10)
+    image = Image.new("RGB", (max(width, WIDTH), words + (LINE_HEIGHT if title else 0)), FOOTER)
     image.paste(Image.fromarray(moment.picture), (0, 0))
     draw = ImageDraw.Draw(image)
-    lines = [f"step {moment.step}/{steps}: {moment.action}", *facts(moment), title]
-    for number, (text, size) in enumerate(zip(lines, (20, 16, 16, 14), strict=True)):
-        place = (50, height + 4 + 28 * number)
-        draw.text(place, text, fill=FAINT if number == 3 else "white", font=ImageFont.load_default(size=size))
+    lines = [f"step {moment.step}/{steps}: {moment.action}", *facts(moment)]
+    for number, (line, size) in enumerate(zip(lines, (20, TEXT_SIZE, TEXT_SIZE), strict=True)):
+        place = (LEFT, height + 4 + LINE_HEIGHT * number)
+        draw.text(place, line, fill="white", font=ImageFont.load_default(size=size))
+    draw.text((LEFT, words), title, fill=FAINT, font=ImageFont.load_default(size=TEXT_SIZE))
     if moment.advice is not None:
         _draw_advice(draw, moment.advice, names, height + 2)
     image.info["duration"] = LAST_STEP_MS if moment.step == steps else STEP_MS
@@ -102,7 +103,7 @@ def write(path: Path, pages: Sequence[Image.Image]) -> None:
 
 def _draw_advice(draw: ImageDraw.ImageDraw, advice: Advice, names: Sequence[str], top: int) -> None:
     """Draw a bar for every action, the advised one marked by more than its colour."""
-    font = ImageFont.load_default(size=14)
+    font = ImageFont.load_default(size=TEXT_SIZE)
     words = advice_words(advice, names)
     draw.text((ADVICE_LEFT, top), "advice now:", fill="white", font=font)
     for number, (bar, text) in enumerate(zip(advice.bars, words, strict=True)):

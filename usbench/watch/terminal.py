@@ -6,7 +6,6 @@ import time
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 from rich.color import Color
@@ -17,16 +16,11 @@ from rich.table import Table
 from rich.text import Text
 
 from usbench.coordinates import BY_NAME, POSE
-from usbench.envs.scene import picture
-from usbench.envs.scene.drawing import BACKGROUND
 from usbench.envs.settings import in_words
-from usbench.watch import film
+from usbench.watch import film, panels
 from usbench.watch.moment import Moment
 from usbench.watch.selection import Selection
 
-# The rows that the panels of the scene share, with the probe above.
-ROWS = (picture.TOP - 40, picture.BOTTOM)
-GAP = 2
 TEXT_LINES = 8
 SHADES = " ░▒▓█"
 # Columns of the table that hold words, which may be folded.
@@ -102,10 +96,11 @@ def _columns(played: Sequence[Moment], names: Sequence[str]) -> dict[str, list[s
 def screen(moment: Moment, steps: int, names: Sequence[str], console: Console) -> Text:
     """Return what the terminal shows of a moment: scene beside frame, and words below."""
     width, height = console.size
-    image, starts = panels(moment.picture, width, height - TEXT_LINES)
+    # A character has two pixels, one above the other.
+    image, starts = panels.side_by_side(moment.picture, max(width, 7), 2 * max(height - TEXT_LINES, 1))
     text = Text()
     heads = " " * width
-    for name, start in zip(picture.panels(moment.picture.shape[1]), starts, strict=True):
+    for name, start in starts.items():
         heads = heads[:start] + name + heads[start + len(name) :]
     text.append(heads[:width].rstrip() + "\n", style="bold")
     text.append_text(blocks(image, console.color_system))
@@ -121,31 +116,6 @@ def screen(moment: Moment, steps: int, names: Sequence[str], console: Console) -
             text.append(f"[{words}]" if best else words, style="bold" if best else "")
             text.append("  ")
     return text
-
-
-def panels(scene: npt.NDArray[np.uint8], width: int, height: int) -> tuple[npt.NDArray[np.uint8], list[int]]:
-    """Return the scene's panels side by side for `width` x `height` characters of two pixels each.
-
-    Returns:
-        (2 rows, columns, 3) uint8, with at most `height` rows and `width` columns, and where each begins.
-    """
-    places = list(picture.panels(scene.shape[1]).values())
-    wide = sum(size for _, size in places)
-    scale = min(2 * max(height, 1) / (ROWS[1] - ROWS[0]), max(width - 2 * GAP, 3) / wide)
-    n_rows = 2 * max(int((ROWS[1] - ROWS[0]) * scale / 2), 1)
-    parts: list[npt.NDArray[np.uint8]] = []
-    starts: list[int] = []
-    for left, size in places:
-        starts.append(sum(part.shape[1] for part in parts))
-        cut = scene[ROWS[0] : ROWS[1], left : left + size].copy()
-        if left == picture.ABOVE_LEFT:  # the phantom is less wide than deep, and below it stands text
-            cut[picture.TOP + size - ROWS[0] :] = BACKGROUND
-        shape = (max(int(size * scale), 1), n_rows)
-        parts += [
-            np.asarray(cv2.resize(cut, shape, interpolation=cv2.INTER_AREA), dtype=np.uint8),
-            np.zeros((n_rows, GAP, 3), np.uint8),
-        ]
-    return np.concatenate(parts[:-1], axis=1), starts
 
 
 def blocks(image: npt.NDArray[np.uint8], color_system: str | None) -> Text:
