@@ -24,7 +24,7 @@ $(VENV)/.running: pyproject.toml constraints.txt
 	@touch $@
 
 run: $(if $(wildcard $(STAMP)),$(STAMP),$(VENV)/.running)  ## train DQN on the probe-plane task and show what it learnt
-	@echo "training takes 2 to 5 minutes on one core; Ctrl-C keeps what is done, and make run goes on from there."
+	@echo "training takes 3 to 6 minutes on one core; Ctrl-C keeps what is done, and make run goes on from there."
 	$(BIN)/usbench run --algo dqn --task pp
 	@echo "usbench is $(BIN)/usbench here."
 

@@ -81,7 +81,7 @@ def test_a_table_of_something_else_is_refused(tmp_path):
 
 def play(folder, algos=None, tell=lambda _: None):
     """Test what is untested of the trials and tables in `folder`."""
-    transfer.write(folder, folder, transfer.untested(folder, folder, algos, tell), tell)
+    transfer.write(folder, folder, transfer.untested(folder, folder, algos=algos, tell=tell), tell)
 
 
 def test_an_agent_is_tested_once_on_every_phantom_of_the_list(finished, tmp_path, monkeypatch, capsys):
@@ -102,13 +102,24 @@ def test_an_agent_is_tested_once_on_every_phantom_of_the_list(finished, tmp_path
     assert "there is no folder" in capsys.readouterr().err
 
 
-def test_a_wrong_name_leaves_no_tables(tmp_path, capsys):
+@pytest.mark.parametrize(("option", "value"), [("--algos", "nope"), ("--tasks", "exam"), ("--noise", "0.3")])
+def test_what_no_trial_has_is_refused_before_tables_are_copied(tmp_path, capsys, option, value):
     (tmp_path / "runs").mkdir()
     board = tmp_path / "own.md"
-    command = ["transfer", "--runs", str(tmp_path / "runs"), "--leaderboard", str(board)]
-    assert cli.main([*command, "--algos", "nope", "--quiet"]) == 2
-    assert "there is no finished trial of 'nope'" in capsys.readouterr().err
+    command = ["transfer", "--runs", str(tmp_path / "runs"), "--leaderboard", str(board), "--quiet"]
+    assert cli.main([*command, option, value]) == 2
+    assert "there is no such trial to test with" in capsys.readouterr().err
     assert not list(tmp_path.glob("own_files/*"))
+
+
+def test_one_cell_can_be_tested_alone(tmp_path):
+    cells = [seeds("vpg", [0.8, 0.9], task=task, noise=noise) for task in ("fp", "pp") for noise in (0, 0.25)]
+    tables.write(made(*(row for cell in cells for row in cell)), tmp_path)
+    for name in ("pp-p0.25-vpg-s100", "pp-p0.25-vpg-s101"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / records.TRIAL).touch()
+    missing = transfer.untested(tmp_path, tmp_path, tasks=["pp"], noises=[0.25])
+    assert list(missing["trial"]) == ["pp-p0.25-vpg-s100", "pp-p0.25-vpg-s101"]
 
 
 def test_without_a_trial_on_one_phantom_there_is_nothing_to_test(tmp_path):
@@ -171,5 +182,5 @@ def test_agents_of_ones_own_are_opened_only_if_they_are_named(tmp_path, monkeypa
     assert told == [f"left out, as testing them runs their code, unless they are named: {own}"] and not opened
     play(tmp_path, [own], told.append)
     assert opened == [own]
-    with pytest.raises(ConfigurationError, match="no finished trial of 'vpg' on fp, pp: .* of mine:LongPPO"):
-        transfer.untested(tmp_path, tmp_path, ["vpg"])
+    with pytest.raises(ConfigurationError, match="with algo 'vpg', only with 'mine:LongPPO'"):
+        transfer.untested(tmp_path, tmp_path, algos=["vpg"])

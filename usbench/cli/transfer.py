@@ -6,7 +6,7 @@ import argparse
 import sys
 from typing import Any
 
-from usbench.cli.arguments import GOES_ON, add_leaderboard_file, add_runs, tell_watcher
+from usbench.cli.arguments import GOES_ON, add_leaderboard_file, add_runs, number, tell_watcher
 from usbench.cli.leaderboard import FROM_THE_PACKAGE
 
 
@@ -27,6 +27,15 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="only these (default: all but your own, module:name, whose code is run if they are named)",
     )
+    transfer.add_argument(
+        "--tasks",
+        nargs="+",
+        metavar="NAME",
+        help="only agents of these tasks on one phantom (default: fp pp)",
+    )
+    transfer.add_argument(
+        "--noise", nargs="+", type=number, metavar="P", help="only agents trained with these (default: all)"
+    )
     add_runs(transfer, "folder with the comparison's trials")
     add_leaderboard_file(transfer)
     transfer.add_argument("--quiet", action="store_true", help="no progress")
@@ -44,7 +53,8 @@ def _call(args: argparse.Namespace) -> None:
             print(text, file=sys.stderr)
 
     folder = leaderboard.prepare(args.leaderboard)
-    missing = transfer.untested(args.runs, published.or_own(folder), args.algos, tell)
+    asked = {"algos": args.algos, "tasks": args.tasks, "noises": args.noise}
+    missing = transfer.untested(args.runs, published.or_own(folder), **asked, tell=tell)
     if published.bring(folder):
         tell(FROM_THE_PACKAGE.format(folder))
     print(transfer.write(args.runs, folder, missing, tell))

@@ -18,7 +18,10 @@ from usbench.waiting import Waiting
 def untested(
     runs: Path,
     folder: Path,
+    *,
     algos: Sequence[str] | None = None,
+    tasks: Sequence[str] | None = None,
+    noises: Sequence[float] | None = None,
     tell: Callable[[str], None] = lambda _: None,
 ) -> pd.DataFrame:
     """Return the rows of a comparison's trials that `write` has to test.
@@ -27,21 +30,24 @@ def untested(
         runs: Where the comparison's trials are.
         folder: Where its tables are.
         algos: The algorithms to test; None for all but those from other modules, whose code would run.
+        tasks: The tasks on one phantom whose agents are tested; None for all.
+        noises: The noises of the trials; None for all.
         tell: Told what is left out.
 
     Raises:
-        ConfigurationError: If there is no trial to test, none of `algos`, or one is not in `runs`.
+        ConfigurationError: If there is no trial to test, or none of something that was asked for, or if one
+            is not in `runs`.
         FileNotFoundError: If there are no tables, or no folder `runs`.
         ValueError: If the tables are broken.
     """
     records.existing(runs)
     trials = held_out.candidates(tables.read(folder))
     if trials.empty:
-        tasks = ", ".join(held_out.MANY)
         raise ConfigurationError(
-            f"{str(folder)!r} tells of no finished trial on {tasks}: run usbench compare."
+            f"{str(folder)!r} tells of no finished trial on {', '.join(held_out.MANY)}: run usbench compare."
         )
-    asked = _asked(trials, algos, tell)
+    asked = _asked(_asked(trials, "task", tasks), "noise", noises)
+    asked = _without_own(asked, tell) if algos is None else _asked(asked, "algo", algos)
     missing = asked[~asked["trial"].isin(held_out.read(folder)["trial"])]
     absent = [name for name in missing["trial"] if not (runs / name / records.TRIAL).is_file()]
     if absent:
@@ -93,16 +99,22 @@ def _keep(rows: list[dict[str, object]], folder: Path) -> Path:
     return held_out.write(pd.DataFrame(rows, columns=list(held_out.COLUMNS)), folder)
 
 
-def _asked(trials: pd.DataFrame, algos: Sequence[str] | None, tell: Callable[[str], None]) -> pd.DataFrame:
-    """Return the trials of `algos`; for None of all algorithms but those from other modules."""
-    if algos is not None:
-        unknown = sorted({*algos} - {*trials["algo"]})
-        if unknown:
+def _asked(trials: pd.DataFrame, column: str, allowed: Sequence[object] | None) -> pd.DataFrame:
+    """Return the trials that have one of the allowed values in a column; all for None."""
+    if allowed is None:
+        return trials
+    there = list(dict.fromkeys(trials[column].sort_values()))
+    for value in allowed:
+        if value not in there:
             raise ConfigurationError(
-                f"there is no finished trial of {unknown[0]!r} on {', '.join(held_out.MANY)}: there are some "
-                f"of {', '.join(sorted(set(trials['algo'])))}."
+                f"there is no such trial to test with {column} {value!r}, only with "
+                f"{', '.join(map(repr, there))}."
             )
-        return trials[trials["algo"].isin(algos)]
+    return trials[trials[column].isin(allowed)]
+
+
+def _without_own(trials: pd.DataFrame, tell: Callable[[str], None]) -> pd.DataFrame:
+    """Return the trials without those of algorithms from other modules."""
     own = trials["algo"].str.contains(":")
     if own.any():
         names = " ".join(sorted(set(trials.loc[own, "algo"])))
