@@ -37,7 +37,7 @@ CAPTION = (
 )
 
 
-def make(program: str, algo: str, task: str) -> Any:
+def make(program: str, algo: str, task: str, seed: int = 0) -> Any:
     """The model of `algo`, of this project or of the plain script."""
     import torch
     from stable_baselines3.common.vec_env import DummyVecEnv
@@ -51,14 +51,14 @@ def make(program: str, algo: str, task: str) -> Any:
         torch.set_num_threads(1)
         keep_freed()
         env = DummyVecEnv([Setting(task=task).make_env])
-        return zoo.make(algo, env, 0, hyperparameters, device="cpu")
+        return zoo.make(algo, env, seed, hyperparameters, device="cpu")
     if algo == "vpg":
         from plain import environment, spinning_up
 
-        return spinning_up.VPG(environment.make_env(task), 0, **hyperparameters)
+        return spinning_up.VPG(environment.make_env(task), seed, **hyperparameters)
     from plain import sb3
 
-    return sb3.make(algo, task, hyperparameters)
+    return sb3.make(algo, task, hyperparameters, seed)
 
 
 class Updates:

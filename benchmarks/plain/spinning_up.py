@@ -67,6 +67,12 @@ class VPG:
             self.train()
 
     @torch.no_grad()
+    def best(self, images: Any) -> Any:
+        """The most probable action for each of the images."""
+        self.policy.eval()
+        return self.policy(torch.as_tensor(images)).argmax(dim=1).numpy()
+
+    @torch.no_grad()
     def collect(self) -> None:
         """Makes `n_steps` steps; where an episode is cut, the value stands for what is to come."""
         self.policy.eval()
