@@ -56,6 +56,12 @@ def test_only_complete_first_rungs_count(tmp_path):
     assert "`vpg-tuned`, `a2c`, `ppo`" in tuning.section(known)
 
 
+def test_the_row_with_the_best_candidate_comes_first(tmp_path):
+    record(tmp_path, "a2c", [0.7, 0.7])
+    record(tmp_path, "ppo", [0.1, 0.9])
+    assert list(tuning.candidates(tuning.gather(tmp_path))) == ["ppo", "a2c"]
+
+
 def test_a_candidate_that_diverged_in_one_cell_diverged(tmp_path):
     record(tmp_path, "dqn", [0.4, 0.8])
     text = (tmp_path / "dqn.jsonl").read_text()
