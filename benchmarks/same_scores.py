@@ -40,12 +40,9 @@ class ChannelsFirst:
         self._model = model
 
     def predict(self, observation: npt.NDArray[np.float32], **asked: Any) -> tuple[npt.NDArray[Any], Any]:
-        """Return greedy actions `(n,)` for observations `(n, height, width, frames)`, and the next state."""
-        images = np.ascontiguousarray(observation.transpose(0, 3, 1, 2))
-        if hasattr(self._model, "predict"):
-            actions, state = self._model.predict(images, **asked)
-            return actions, state
-        return self._model.best(images), None
+        """Return actions `(n,)` for observations `(n, height, width, frames)`, and the next state."""
+        actions, state = self._model.predict(np.ascontiguousarray(observation.transpose(0, 3, 1, 2)), **asked)
+        return actions, state
 
 
 def score(agent: Any, task: str, steps: int) -> float:

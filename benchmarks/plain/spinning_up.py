@@ -67,10 +67,10 @@ class VPG:
             self.train()
 
     @torch.no_grad()
-    def best(self, images: Any) -> Any:
-        """The most probable action for each of the images."""
+    def predict(self, images: Any, **_: Any) -> tuple[Any, None]:
+        """The most probable action for each of the images, and no state."""
         self.policy.eval()
-        return self.policy(torch.as_tensor(images)).argmax(dim=1).numpy()
+        return self.policy(torch.as_tensor(images)).argmax(dim=1).numpy(), None
 
     @torch.no_grad()
     def collect(self) -> None:
