@@ -43,7 +43,7 @@ HEIGHT = 580  # pixels; even, as is every width, since video encoders want it so
 VIEW, DEPTH_VIEW = 400, 450  # pixels for the phantom's width and depth: 5 per mm of the default phantom
 TOP, BOTTOM = 84, 84 + DEPTH_VIEW
 ABOVE_LEFT, SIDE_LEFT, FRAME_LEFT, RIGHT_MARGIN = 50, 526, 1000, 40
-# Size of letters: 16 pixels high, 9 where a page shows the picture 720 wide.
+# Of small letters, in the unit of OpenCV: 16 pixels high, 9 where a page shows the picture 720 wide.
 SMALL = 0.5
 WIDEST_FRAME = 600  # pixels; a frame is as high as the side view, unless it would be wider
 
