@@ -105,18 +105,18 @@ def link_pages(app: Sphinx, page: str, source: list[str]) -> None:
     folder = (Path(app.srcdir) / page).parent
 
     def led(link: re.Match[str]) -> str:
-        words, place = link.groups()
+        words, place, heading = link.groups(default="")
         path = (folder / place).resolve()
         if path.is_relative_to(app.srcdir) or not path.exists() or path.suffix not in ("", ".md"):
             return link[0]
         within = path.relative_to(ROOT).as_posix()
         if path.name == CARD:
-            return f"[{words}]({os.path.relpath(Path(app.srcdir) / CARDS, folder)}#{_place(path)})"
+            return f"[{words}]({os.path.relpath(Path(app.srcdir) / CARDS, folder)}{heading or '#' + _place(path)})"
         if within in HERE:
-            return f"[{words}]({os.path.relpath(Path(app.srcdir) / HERE[within], folder)})"
-        return f"[{words}]({repository()}/blob/main/{within})" if repository() else words
+            return f"[{words}]({os.path.relpath(Path(app.srcdir) / HERE[within], folder)}{heading})"
+        return f"[{words}]({repository()}/blob/main/{within}{heading})" if repository() else words
 
-    source[0] = re.sub(r"(?<!!)\[([^\]]+)\]\(([^)\s#:]+)\)", led, source[0])
+    source[0] = re.sub(r"(?<!!)\[([^\]]+)\]\(([^)\s#:]+)(#[^)\s]+)?\)", led, source[0])
 
 
 def _place(page: Path) -> str:
