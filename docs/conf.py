@@ -111,7 +111,8 @@ def link_pages(app: Sphinx, page: str, source: list[str]) -> None:
             return link[0]
         within = path.relative_to(ROOT).as_posix()
         if path.name == CARD:
-            return f"[{words}]({os.path.relpath(Path(app.srcdir) / CARDS, folder)}{heading or '#' + _place(path)})"
+            heading = heading or f"#{_place(path)}"
+            return f"[{words}]({os.path.relpath(Path(app.srcdir) / CARDS, folder)}{heading})"
         if within in HERE:
             return f"[{words}]({os.path.relpath(Path(app.srcdir) / HERE[within], folder)}{heading})"
         return f"[{words}]({repository()}/blob/main/{within}{heading})" if repository() else words
