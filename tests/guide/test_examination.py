@@ -13,7 +13,8 @@ from usbench.envs.tasks.probe_plane import PROBE_PLANE
 from usbench.guide import agents, view
 from usbench.guide import examination as guide
 from usbench.guide.controls import controls
-from usbench.guide.examination import GUIDED, Examination, Opened
+from usbench.guide.examination import Examination, Opened
+from usbench.guide.guided import GUIDED
 from usbench.setting import Setting
 from usbench.watch import episode
 from usbench.watch.moment import Advice

@@ -339,7 +339,18 @@ def test_command_refuses_in_one_sentence(arguments, sentence, capsys, tmp_path, 
     assert line.startswith("usbench: error: ") and sentence in line
 
 
-@pytest.mark.parametrize("arguments", [["nowhere"], ["best:pq"], ["--task", "xp"], ["--noise", "2"]])
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["nowhere"],
+        ["best:pq"],
+        ["--task", "xp"],
+        ["--task", "setup"],
+        ["best:fp", "--task", "pp"],
+        ["best:fp", "--task", "setup"],
+        ["--noise", "2"],
+    ],
+)
 def test_what_is_wrong_is_refused_before_an_address_is_told(arguments, capsys):
     assert cli.main(["guide", "--no-browser", *arguments]) == 2
     assert "http" not in "".join(capsys.readouterr())

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 from usbench import released
 from usbench.checks import ConfigurationError, check_plain_name, check_seed, probability
 from usbench.cli.arguments import add_probe_and_imaging, add_runs, number, probe_and_imaging
-from usbench.tasks import row_of
 
 if TYPE_CHECKING:
     from usbench.guide.session import Session
@@ -101,8 +100,6 @@ def _call(args: argparse.Namespace) -> None:
 def _check(args: argparse.Namespace) -> None:
     """Refuse what can be known to be wrong without PyTorch, before an address is told."""
     try:
-        if args.task is not None:
-            row_of(args.task)
         if args.noise is not None:
             probability("noise", args.noise)
         if args.seed is not None:
@@ -115,3 +112,16 @@ def _check(args: argparse.Namespace) -> None:
         from usbench.records import no_trial
 
         raise no_trial(args.trial)
+    if args.task is not None:
+        _check_task(args.task, args.trial)
+
+
+def _check_task(task: str, trial: Path | None) -> None:
+    """Refuse a task that the guide does not show, or on which the agent of `trial` was not trained."""
+    from usbench.guide import guided
+
+    guided.check_task(task)
+    if trial is not None:
+        from usbench.records import Trial
+
+        guided.check_task_of_agent(str(trial), Trial.read(released.place(trial)).config.task, task)

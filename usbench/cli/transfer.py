@@ -52,9 +52,10 @@ def _call(args: argparse.Namespace) -> None:
         if not args.quiet:
             print(text, file=sys.stderr)
 
-    folder = leaderboard.prepare(args.leaderboard)
+    tested = published.or_own(leaderboard.files(args.leaderboard))
     asked = {"algos": args.algos, "tasks": args.tasks, "noises": args.noise}
-    missing = transfer.untested(args.runs, published.or_own(folder), **asked, tell=tell)
+    missing = transfer.untested(args.runs, tested, **asked, tell=tell)
+    folder = leaderboard.prepare(args.leaderboard)
     if published.bring(folder):
         tell(FROM_THE_PACKAGE.format(folder))
     print(transfer.write(args.runs, folder, missing, tell))

@@ -10,7 +10,8 @@ from usbench import records, released
 from usbench.agents import zoo
 from usbench.coordinates import TARGET
 from usbench.envs.oracle import Planner
-from usbench.guide.examination import GUIDED, Opened
+from usbench.guide.examination import Opened
+from usbench.guide.guided import GUIDED, check_task_of_agent
 from usbench.records import ConfigurationError, Trial
 from usbench.setting import Setting
 from usbench.trials.model_loading import load_agent
@@ -113,11 +114,7 @@ def open_trial(trial: Known, setting: Setting) -> Opened:
     Raises:
         ConfigurationError: If it does not fit `setting` or cannot be opened; one sentence says why.
     """
-    if trial.task != setting.task:
-        own, asked = (f"{one.guidance.title!r} ({one.task})" for one in (trial.setting, setting))
-        raise ConfigurationError(
-            f"This model does not fit: {trial.name} was trained on the task {own}, not on {asked}."
-        )
+    check_task_of_agent(trial.name, trial.task, setting.task)
     if others := trial.differences(setting):
         raise ConfigurationError(
             f"This model does not fit: {trial.name} was trained with another {' and another '.join(others)}."

@@ -8,7 +8,6 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from usbench import suite
 from usbench.checks import whole_number
 from usbench.envs.frames import frame_store
 from usbench.envs.pose import Move
@@ -16,8 +15,6 @@ from usbench.setting import Setting
 from usbench.trials.recorder import Recorder
 from usbench.watch import episode
 from usbench.watch.moment import Advice
-
-GUIDED = tuple(name for name, task in suite.TASKS.items() if task.is_guided)
 
 
 class Asked(Protocol):

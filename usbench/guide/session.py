@@ -12,7 +12,8 @@ from usbench.checks import check_seed, unknown
 from usbench.guide import agents as guide_agents
 from usbench.guide import view
 from usbench.guide.agents import ORACLE, Known
-from usbench.guide.examination import GUIDED, Examination, Opened
+from usbench.guide.examination import Examination, Opened
+from usbench.guide.guided import GUIDED, check_task
 from usbench.guide.study import Study
 from usbench.guide.training import QuickTraining, can_train
 from usbench.records import ConfigurationError
@@ -293,18 +294,8 @@ def _changed(setting: Setting, tasks: Collection[str], values: Mapping[str, Any]
     """Return `setting` with those of `values` that are not None; the task is one of `tasks`."""
     given = {name: value for name, value in values.items() if value is not None}
     if "task" in given:
-        _check_task(given["task"], tasks)
+        check_task(given["task"], tasks)
     return replace(setting, **given)
-
-
-def _check_task(task: Any, allowed: Collection[str]) -> None:
-    if isinstance(task, str) and task in suite.TASKS and task not in GUIDED:
-        raise ConfigurationError(
-            f"the guide shows tasks that move the probe alone, not {task!r}: allowed are "
-            f"{', '.join(map(repr, allowed))}."
-        )
-    if not isinstance(task, str) or task not in allowed:
-        raise ConfigurationError(str(unknown("task", task, allowed)))
 
 
 def _seed(seed: Any) -> int:
