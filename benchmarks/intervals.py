@@ -22,7 +22,8 @@ from usbench.results import ranking, scores, stats, tables
 Array = npt.NDArray[np.float64]
 Draw = Callable[[int, np.random.Generator], Array]
 
-COMMITTED = Path(__file__).parents[1] / "leaderboard_files"
+# All six cells of the grid, with four seeds: how scores differ between seeds and cells.
+COMMITTED = Path(__file__).parents[1] / "tables" / "first-look" / "leaderboard_files"
 N_CELLS = 6
 SEEDS = (3, 5, 10)
 # Means of six cells, from easy to hard.

@@ -7,6 +7,7 @@ stands beside it.
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -115,7 +116,7 @@ def noise(known: Results) -> Sentence:
         "Increasing the likelihood of noise impacts the trend of a learning curve, especially for the PP "
         "task",
         "The rise of the return of training episodes, from the first to the last tenth, is smaller with most "
-        "noise than without on both tasks, and loses more on `pp`.",
+        f"noise (here {share.columns.max():g}) than without on both tasks, and loses more on `pp`.",
         holds,
         table(["task", *(f"rise at noise {p:g}" for p in rise.columns)], rows),
     )
@@ -123,36 +124,46 @@ def noise(known: Results) -> Sentence:
 
 def endings(ends: pd.DataFrame) -> tuple[Sentence, Sentence]:
     """Return the two sentences on single episodes, from the shares that `episode_ends.shares` tells."""
-    own = ends[(ends["algo"] == AGENT) & (ends["noise"] == 0)].set_index("task")
-    deep, shallow = own.loc["fp", ["too_deep", "too_shallow"]]
-    turned, out, half = own.loc["pp", ["long_way", "out_of_plane", "half_turn"]]
-
-    def about(task: str) -> str:
-        n = int(own.loc[task, "seeds"])
-        seeds = "1 trial" if n == 1 else f"{n} trials"
-        return (
-            f"Evaluation episodes of {seeds} without noise, greedy actions ([how episodes end](failures.md))."
-        )
-
+    own = ends[ends["algo"] == AGENT]
+    depth, plane = own[own["task"] == "fp"], own[own["task"] == "pp"]
     return (
         Sentence(
             "In the FP task, the agent sometimes misses the target depth when moving the focal point from "
             "the top to the bottom",
             "Some episodes end with the focus below the target, all of them having begun above it.",
-            HOLDS if deep > 0 else FAILS,
-            f"{100 * deep:.0f} % of the episodes end too deep, {100 * shallow:.0f} % too shallow. "
-            + about("fp"),
+            HOLDS if (depth["too_deep"] > 0).any() else FAILS,
+            episodes(depth, {"too deep (%)": depth["too_deep"], "too shallow (%)": depth["too_shallow"]}),
         ),
         Sentence(
             "In the PP task, the agent sometimes rotates the probe in a non-optimal direction (but still "
             "achieves the appropriate plane, due to the symmetry of the object)",
-            "Some episodes end in the object's plane after a rotation by more than a right angle.",
-            HOLDS if turned > 0 else FAILS,
-            f"{100 * turned:.1f} % of the episodes turn the long way. {100 * (1 - out):.1f} % end in plane: "
-            f"{100 * (1 - out - half):.1f} % at the object's angle, and {100 * half:.1f} % at half a turn "
-            f"from it, where the object looks the same. {about('pp')}",
+            "Some episodes end in the object's plane after a rotation by more than a right angle. At half a "
+            "turn from the object's angle it looks the same.",
+            HOLDS if (plane["long_way"] > 0).any() else FAILS,
+            episodes(
+                plane,
+                {
+                    "turn the long way (%)": plane["long_way"],
+                    "end in plane (%)": 1 - plane["out_of_plane"],
+                    "of them at half a turn (%)": plane["half_turn"],
+                },
+            ),
         ),
     )
+
+
+def episodes(ends: pd.DataFrame, shares: Mapping[str, pd.Series]) -> str:
+    """Return a table of the shares of episodes, a row per cell of `ends`."""
+    rows = [
+        [
+            Cell(row.task, row.noise).name,
+            str(row.seeds),
+            *(f"{100 * share[row.Index]:.1f}" for share in shares.values()),
+        ]
+        for row in ends.itertuples()
+    ]
+    about = "Evaluation episodes after training, greedy actions ([how episodes end](failures.md))."
+    return f"{about}\n\n{table(['cell', 'trials', *shares], rows)}"
 
 
 def learned(known: Results) -> Sentence:

@@ -9,7 +9,7 @@ from made_tables import made, seeds, trial
 from usbench.agents import zoo
 from usbench.results import agents, tables, verdict
 
-GRID = Path(__file__).parents[2] / "tables" / "grid" / "leaderboard_files"
+GRID = Path(__file__).parents[2] / "leaderboard_files"
 
 
 def other(score=0.7, gamma=0.9, **changes):

@@ -79,6 +79,15 @@ def test_reference_policies_alone_make_no_cell_of_the_grid():
     }
 
 
+def test_reference_policies_leave_a_cell_in_which_the_table_alone_has_learners():
+    without = [row for row in GRID if row["task"] != "fp-random"]
+    references = [trial("oracle", 1.0, task="fp-random"), trial("oracle", 1.0, task="fp", noise=0.5)]
+    found = further.split(made(*without, *references, *OWN))
+    assert references[0]["trial"] in set(found[unseen.NAME].trials["trial"])
+    # At noise 0.5 nobody has learned anywhere yet.
+    assert set(found[further.GRID].trials["trial"]) == {row["trial"] for row in (*without, references[1])}
+
+
 def test_nothing_of_the_grid_changes_by_the_table():
     before, after = scores.cells(made(*GRID)), scores.cells(ALL)
     assert before.equals(after[after["table"] == further.GRID].reset_index(drop=True))

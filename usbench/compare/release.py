@@ -53,8 +53,10 @@ def write(
     made = []
     for name, trial in chosen(trials).items():
         tell(f"{name}: {trial.name}")
-        same = [one for one in trials if one.config.task == trial.config.task]
-        made.append(_write(trial, folder / name.replace(":", "-", 1), name, same))
+        rivals = [one for one in trials if one.config.task == trial.config.task]
+        if name.startswith(f"{OWN}:"):
+            rivals = [one for one in rivals if one.config.algo == OWN]
+        made.append(_write(trial, folder / name.replace(":", "-", 1), name, rivals))
     for path in before:
         if path not in made:
             shutil.rmtree(path)

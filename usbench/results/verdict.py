@@ -207,8 +207,18 @@ def _phantoms(own: Results, tested: pd.DataFrame | None) -> list[str]:
         rows = rows.sort_values("elsewhere")
         low, high = rows.iloc[0], rows.iloc[-1]
         clauses.append(
-            f"agents with {rows['there'].min():.2f} to {rows['there'].max():.2f} on `{task}` have "
+            f"agents with {rows['there'].min():.2f} to {rows['there'].max():.2f} on `{task}`"
+            f"{_where_tested(own.trials[own.trials['task'] == task], tested)} have "
             f"{low['elsewhere']:.2f} ({code(low['agent'])}) to "
             f"{high['elsewhere']:.2f} ({code(high['agent'])})"
         )
     return [f"{here}: on phantoms never seen, {', and '.join(clauses)}."]
+
+
+def _where_tested(trials: pd.DataFrame, tested: pd.DataFrame) -> str:
+    """Return in words at which noises a task's agents were tested on phantoms never seen; empty for all."""
+    learned = trials[trials["steps"] > 0]
+    noises, all_noises = (
+        sorted(set(rows["noise"])) for rows in (learned[learned["trial"].isin(tested["trial"])], learned)
+    )
+    return "" if noises == all_noises else f" (noise {', '.join(f'{noise:g}' for noise in noises)})"

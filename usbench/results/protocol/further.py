@@ -45,8 +45,8 @@ def tables_of(trials: pd.DataFrame) -> dict[str, pd.DataFrame]:
     """Return the trials of each table that has any, by its name: the grid first, then the further tables.
 
     Whatever is of no further table is of the grid. A reference policy has neither network nor budget, so that
-    it is in every table with its frames and its cell. On tasks whose trials are all of `unseen`, it is there
-    alone.
+    it is in every table with its frames and its cell, and not in the grid where only a further table has
+    learners in its cell. On tasks whose trials are all of `unseen`, it is there alone.
     """
     learned = trials["steps"] > 0
     of = pd.Series([_table_of(row) for row in trials.to_dict("records")], index=trials.index, dtype=object)
@@ -55,7 +55,8 @@ def tables_of(trials: pd.DataFrame) -> dict[str, pd.DataFrame]:
         return {next(iter(names), GRID): trials}
     cells = pd.Series(list(zip(trials["task"], trials["noise"], strict=True)), index=trials.index)
     frames = trials["settings"].map(n_frames)
-    found = {GRID: trials[of == GRID]} if GRID in names else {}
+    elsewhere = set(cells[learned & (of != GRID)]) - set(cells[learned & (of == GRID)])
+    found = {GRID: trials[(of == GRID) & (learned | ~cells.isin(elsewhere))]} if GRID in names else {}
     for name, wanted in _frames_of_references().items():
         if name in names:
             own = of == name
