@@ -98,14 +98,15 @@ class ExaminationEnv(GuidanceEnv):
 
     ## Arguments
     `noise` (probability, default 0), `reward` ("normalized", "paper" or "image"), `phantom` (`Phantom`
-    or `Anatomy`), `probe` (`LinearArray`), `imaging` (`Imaging`), `render_mode` (None or "rgb_array").
+    or `Anatomy`), `probe` (`LinearArray`), `imaging` (`Imaging`), `render_mode` (None or "rgb_array"),
+    `senses` (what is told beside the frame, such as `("position", "heading")`; None for nothing).
     """
 
     task = EXAMINATION
 
 
 class ExaminationStopEnv(GuidanceEnv):
-    """The examination, ended by the agent: it says that it has arrived, and is judged there.
+    """Find the position, the rotation and the focal depth that show the object best, and stop there.
 
     ## Description
     As `ExaminationEnv`, and the agent says when it is done.

@@ -192,6 +192,20 @@ def test_misfit_hidden_object_and_ended_guide_are_clear(page, untrained):
     page.problems.clear()  # the browser's own message of the request
 
 
+def test_stale_tab_whose_episode_is_over_is_refreshed_too(page):
+    for step in range(16):
+        page.locator("#controls .advised").click()
+        expect(page.get_by_text(f"Step {step + 1} of 16")).to_be_visible()
+    other = page.context.browser.new_page()
+    other.goto(page.url)
+    other.keyboard.press("n")
+    expect(other.get_by_text("Step 0 of 16")).to_be_visible()
+    page.keyboard.press("r")
+    expect(page.get_by_role("alert")).to_have_text(re.compile("^This examination went on in another tab"))
+    expect(page.get_by_text("Step 0 of 16")).to_be_visible()
+    other.close()
+
+
 def test_stale_tab_does_nothing_and_is_refreshed(page):
     """Two tabs on one examination: keys in the one that is out of date are lost, queued ones too."""
     other = page.context.browser.new_page()

@@ -79,10 +79,7 @@ function say(sentence) {
   if (byId("alert").textContent !== sentence) byId("alert").textContent = sentence;
 }
 
-function act(action, since) {
-  if (!busy && shown.over) say("The episode is over: begin a new one (N).");
-  else send("act", { action }, since);
-}
+const act = (action, since) => send("act", { action }, since);
 // Another task or noise begins a new episode: ask before one that has begun is lost.
 function change(choice, what) {
   if (shown.over || !shown.step) return send("choose", choice);
