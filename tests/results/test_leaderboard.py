@@ -35,7 +35,7 @@ def test_opens_with_the_answer():
     text = leaderboard.markdown(made(*GRID))
     title, answer = text.split("\n\n")[:2]
     assert title == "# Leaderboard"
-    assert answer.startswith("So far (8 of 9 trials are finished) a first look and no ranking: 4 seeds")
+    assert answer.startswith("So far (8 of 9 trials are finished) a first look and no ranking: only 4 seeds")
 
 
 def test_rows_are_ranked_with_reference_policies_last():

@@ -103,7 +103,7 @@ def test_tuned_vpg_alone_makes_no_claim_for_others():
 def test_few_seeds_are_a_first_look(n):
     first, second, _ = sentences(*seeds("vpg", LOW[:n]), *seeds("ppo", HIGH[:n]))
     number = "1 seed" if n == 1 else f"{n} seeds"
-    assert first == f"A first look and no ranking: {number} where 5 are the least"
+    assert first == f"A first look and no ranking: only {number}, where at least 5 are needed"
     assert second.startswith("The highest score over 1 of the 6 cells of the protocol (fp, noise 0) is")
     assert second.endswith("whether other methods do better than the paper's vanilla policy gradient is open")
 
@@ -143,7 +143,7 @@ def test_agents_with_few_seeds_beside_others_wait():
         made(*seeds("vpg", LOW), *seeds("ppo", HIGH), *seeds("a2c", [1.0] * 4), trial("trpo"))
     )
     assert text.startswith("`ppo` has the highest score")
-    assert "With 1 to 4 seeds where 5 are the least, `a2c` and `trpo` must wait." in text
+    assert "With only 1 to 4 seeds, where at least 5 are needed, `a2c` and `trpo` must wait." in text
     assert text.count("a2c") == 1
 
 

@@ -138,7 +138,7 @@ def _few(waiting: dict[str, int]) -> str:
     """Return in words how many seeds agents have that have too few."""
     low, high = min(waiting.values()), max(waiting.values())
     number = f"{low}" if low == high else f"{low} to {high}"
-    return f"{number} {'seed' if high == 1 else 'seeds'} where {ranking.MIN_SEEDS} are the least"
+    return f"only {number} {'seed' if high == 1 else 'seeds'}, where at least {ranking.MIN_SEEDS} are needed"
 
 
 def _first_look(table: pd.DataFrame, reasons: list[str], where: str) -> str:
@@ -148,7 +148,7 @@ def _first_look(table: pd.DataFrame, reasons: list[str], where: str) -> str:
     if PAPERS_OWN in table.index and best != PAPERS_OWN:
         own = f", that of the paper's vanilla policy gradient (`{PAPERS_OWN}`) is {ranked.score(PAPERS_OWN)}"
     return (
-        f"a first look and no ranking: {' and '.join(reasons)}. The highest score over {where} is that of "
+        f"a first look and no ranking: {', and '.join(reasons)}. The highest score over {where} is that of "
         f"{code(best)}, {ranked.score(best)} {SCALE}{own}; {OPEN}."
     )
 
