@@ -91,6 +91,7 @@ class Row:
 
 KINDS = (
     Knowledge("1 frame", n_frames=1),
+    Knowledge("1 frame and the action before it", n_frames=1, with_actions=True),
     Knowledge("2 frames", n_frames=2),
     Knowledge("2 frames and the action between them", n_frames=2, with_actions=True),
     Knowledge("3 frames and the actions between them", n_frames=3, with_actions=True),

@@ -46,15 +46,17 @@ def histories(
         known: Poses and objects.
         senses: What is told at every one of the frames.
         n_frames: How many frames the policy sees, the last ones; before the first it sees the first again.
-        with_actions: Whether the policy is told the actions between the frames too.
+        with_actions: Whether the policy is told the actions between the frames too; of one frame, the action
+            that led there.
     """
     n_hypotheses, n_actions = known.following.shape
     none = n_actions  # stands for the time before the episode, in which nothing moves
     moves = np.concatenate([known.following, np.arange(n_hypotheses)[:, np.newaxis]], axis=1)
-    # A history is the hypothesis n_frames - 1 steps ago with the actions since, the oldest first.
-    pasts = list(product(range(none + 1), repeat=n_frames - 1))
+    # A history is the hypothesis so many steps ago with the actions since, the oldest first.
+    n_past = max(n_frames - 1, int(with_actions))
+    pasts = list(product(range(none + 1), repeat=n_past))
     number = {past: k for k, past in enumerate(pasts)}
-    past = np.array(pasts, dtype=np.int64).reshape(len(pasts), n_frames - 1)
+    past = np.array(pasts, dtype=np.int64).reshape(len(pasts), n_past)
 
     seen = known.observed(senses)
     at = np.repeat(np.arange(n_hypotheses)[:, np.newaxis], len(pasts), axis=1)
@@ -62,12 +64,13 @@ def histories(
     for actions in past.T:
         at = moves[at, actions]
         signs.append(seen[at])
+    signs = signs[-n_frames:]
     if with_actions:
         signs += [np.broadcast_to(actions, at.shape) for actions in past.T]
     observed = np.unique(np.stack([sign.ravel() for sign in signs]), axis=1, return_inverse=True)[1]
 
-    # After an action the oldest one is made, and the new one is the last; of one frame nothing is remembered.
-    oldest = moves[:, past[:, 0]] if n_frames > 1 else None
+    # After an action the oldest one is made, and the new one is the last; where no action is kept, nothing is remembered.
+    oldest = moves[:, past[:, 0]] if n_past else None
     following = np.empty((n_hypotheses, len(pasts), n_actions), dtype=np.int64)
     for action in range(n_actions):
         later = np.array([number[(*one, action)[1:]] for one in pasts])
@@ -76,7 +79,7 @@ def histories(
     return Histories(
         following.reshape(-1, n_actions),
         known.rewards[at].ravel(),
-        known.starts * len(pasts) + number[(none,) * (n_frames - 1)],
+        known.starts * len(pasts) + number[(none,) * n_past],
         observed.ravel().astype(np.int64),
     )
 

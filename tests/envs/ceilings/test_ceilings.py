@@ -86,8 +86,18 @@ def test_more_knowledge_is_never_worse_and_memory_bounds_what_has_none(whole):
         assert whole.anchors[0] < found <= beliefs.best_return(whole, senses) + 1e-9
 
 
-def test_the_gradients_return_is_that_of_a_played_policy(small):
-    past = memoryless.histories(small, (), 2, with_actions=True)
+def test_one_frame_may_come_with_the_action_before_it_and_nothing_else(small):
+    blind = hypotheses.Hypotheses(small.task, small.targets, np.zeros_like(small.seen))
+    past = memoryless.histories(blind, (), 1, with_actions=True)
+    told = past.observed[past.following]
+    assert len(set(past.observed[past.starts])) == 1
+    assert [len(set(of_action)) for of_action in told.T] == [1] * 5
+    assert len({*told[0], past.observed[past.starts[0]]}) == 6
+
+
+@pytest.mark.parametrize("n_frames", [1, 2])
+def test_the_gradients_return_is_that_of_a_played_policy(small, n_frames):
+    past = memoryless.histories(small, (), n_frames, with_actions=True)
     rng = np.random.default_rng(0)
     policy = rng.dirichlet(np.ones(5), int(past.observed.max()) + 1)
     expected, _ = memoryless._evaluated(past, 3, policy)
