@@ -182,6 +182,8 @@ print(sys.stderr.line)
     ("command", "line"),
     [
         (["watch", "nowhere"], "opening the trial"),
+        (["report", "nowhere"], "reading the records, then drawing: some seconds for each agent"),
+        (["frame", "--task", "focal"], "simulating the frame, then drawing it: some seconds"),
         (["compare", "--algos", "vgp"], "looking at the trials"),
         (["search", "--algo", "vgp"], "looking at the records"),
         (["transfer", "--leaderboard", "."], "loading PyTorch: some seconds; then"),

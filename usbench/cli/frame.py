@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from usbench.cli.arguments import add_probe_and_imaging, number, probe_and_imaging
+from usbench.cli.arguments import add_probe_and_imaging, number, probe_and_imaging, tell_watcher
 from usbench.cli.phantom import add_phantom, custom_anatomy
 
 if TYPE_CHECKING:
@@ -100,6 +100,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
 
 def _call(args: argparse.Namespace) -> None:
     """Write what the probe sees from a pose."""
+    tell_watcher("simulating the frame, then drawing it: some seconds")
     from usbench.watch import snapshot, snapshot_files, snapshot_option
 
     source = _source(args)

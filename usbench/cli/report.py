@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from usbench.cli.arguments import add_runs
+from usbench.cli.arguments import add_runs, tell_watcher
 
 
 def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
@@ -36,6 +36,9 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
 
 def _call(args: argparse.Namespace) -> None:
     """Write the page of a set of trials."""
+    tell_watcher(
+        "reading the records, then drawing: some seconds for each agent, minutes for a whole grid", args.quiet
+    )
     from usbench.report import page
 
     def tell(text: str) -> None:
