@@ -125,6 +125,8 @@ def test_report_and_leaderboard_show_the_rows(finished, tmp_path, capsys, monkey
     assert (tmp_path / "board.md").read_text() == board
     assert cli.main(["report", str(finished.parent), "--out", str(tmp_path / "r.html"), "--quiet"]) == 0
     page = (tmp_path / "r.html").read_text()
+    assert "<span>Studies of <code>usbench guide --study</code>, a row" in page
+    assert 'aria-label="Studies of usbench guide --study, a row' in page and "(in <code>setup</code>," in page
     assert '<h3 id="people">People</h3>' in page and all(f"<td>{who}</td>" in page for who in studies.PLAYERS)
 
 

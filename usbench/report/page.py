@@ -74,6 +74,7 @@ def _page(content: dict[str, Any]) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters["inline"] = text.inline
     return environment.get_template("report.html").render(content)
 
 

@@ -30,7 +30,7 @@ ENDINGS = {
 
 @dataclass(frozen=True)
 class Table:
-    """A table: `words` says how many of its first columns are not numbers."""
+    """A table: `caption` is a line of Markdown; `words` tells how many first columns are not numbers."""
 
     caption: str
     head: Sequence[str]
