@@ -4,11 +4,14 @@ import base64
 import io
 
 import numpy as np
+import pytest
 from made_tables import made, seeds, trial
 from PIL import Image
 
 from usbench.figures import style
 from usbench.report import agents, pictures, tables
+from usbench.setting import Setting
+from usbench.watch import replay
 
 
 def test_the_trial_shown_is_the_median_of_those_with_the_least_noise():
@@ -71,6 +74,21 @@ def test_films_hold_every_page_for_its_time():
     assert shown == [450, 450, 2000]
     with Image.open(io.BytesIO(content(still)[1])) as image:
         assert abs(image.convert("RGB").getpixel((30, 20))[0] - 240) < 10
+
+
+@pytest.mark.parametrize(
+    ("actions", "said"),
+    [
+        ([0] * 16, "takes the action stay 16 times, and ends at"),
+        (
+            [2, 2, 3, *[0] * 13],
+            "takes the actions right 2 times, rotate counter-clockwise, stay 13 times, and ends at",
+        ),
+    ],
+)
+def test_an_episode_is_told_in_words(quick, actions, said):
+    setting = Setting(task="pp")
+    assert said in agents._words(setting.guidance, list(replay.play(setting, 2, actions)))
 
 
 def test_every_trial_is_in_its_table_with_its_status():

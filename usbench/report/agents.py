@@ -208,6 +208,7 @@ def _words(task: Task, moments: Sequence[Moment]) -> str:
     """Return an episode in words, for those who do not see the pictures."""
     counts = [(name, len(list(same))) for name, same in groupby(moment.action for moment in moments[1:])]
     actions = ", ".join(name if count == 1 else f"{name} {count} times" for name, count in counts)
+    taken = "takes the action" if len(counts) == 1 else "takes the actions"
     slips = sum(bool(moment.slip) for moment in moments)
     slipped = f", and slips {'once' if slips == 1 else f'{slips} times'}" if slips else ""
     goal = "the goal" if moments[-1].is_success else "not the goal"
@@ -216,6 +217,6 @@ def _words(task: Task, moments: Sequence[Moment]) -> str:
         return state_map.name(task, task.indices[pose])
 
     return (
-        f"starts at {place(moments[0].pose)}, goes {actions}{slipped}, and ends at "
+        f"starts at {place(moments[0].pose)}, {taken} {actions}{slipped}, and ends at "
         f"{place(moments[-1].pose)}, {goal}."
     )
