@@ -99,7 +99,7 @@ def test_a_trial_plays_as_it_does_elsewhere(place, finished):
     ],
 )
 def test_what_cannot_be_played_is_refused_in_one_sentence(place, capsys, argv, said):
-    assert cli.main(["dataset", "--quiet", *argv]) == 2
+    assert cli.main(["dataset", *argv]) == 2
     error = capsys.readouterr().err
     assert said in error and error.count("\n") == 1
 

@@ -128,10 +128,10 @@ def _played(
 ) -> list[Played]:
     """Play all episodes, in the order of the data set."""
     who = episodes.names(agent)
+    opened = [episodes.open_agent(name, setting, seed) for name in who]
     tell(
         f"{n_episodes} episode{'' if n_episodes == 1 else 's'} of {setting.task}, played by {', '.join(who)}"
     )
-    opened = [episodes.open_agent(name, setting, seed) for name in who]
     if setting.row.every_frame and not setting.row.phantoms:
         tell("simulating the frames that are not kept yet")
         setting.prepare_frames()
