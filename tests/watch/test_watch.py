@@ -154,10 +154,10 @@ def test_values_are_shown_as_values():
 def test_table_has_a_row_for_every_step(finished, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "200")
     assert cli.main(["watch", str(finished), "--episode", "0"]) == 0
-    head, first, second, *rows = capsys.readouterr().out.splitlines()
-    names = f"{first} {second}"
+    head, first, second, third, *rows = capsys.readouterr().out.splitlines()
+    names = " ".join(f"{first} {second} {third}".split())
     assert head.startswith("vpg on pp, noise 0.5, seed 0: evaluation episode 0 at step 128, greedy")
-    for name in ("action", "reward", "optimum", "to go", "angle", "advice"):
+    for name in ("action", "reward", "optimum", "to", "go", "angle", "advice"):
         assert name in names
     assert names.split().count("mm") == 2 and names.split().count("deg") == 1
     assert len(rows) == 17 and "%" in rows[0]
@@ -179,15 +179,27 @@ def test_table_fits_80_columns_with_whole_numbers(quick):
     assert "slip" not in terminal.table(replay.play(Setting(task="pp", noise=0.0), 2, [0] * 16), names)
 
 
-def test_a_table_of_78_columns_breaks_no_word(quick):
-    names = replay.action_names(Setting(task="pp"))
-    advice = Advice((-2.07,) * len(names), "value")
-    played = [
-        dataclasses.replace(moment, advice=advice) for moment in replay.play(Setting(task="pp"), 2, [3] * 16)
-    ]
-    shown = terminal.table(played, names, 78)
-    assert len(re.findall(r"\bcounter-clockwise\b", shown)) == 16
-    assert max(map(len, shown.splitlines())) <= 78
+@pytest.mark.parametrize(
+    ("task", "actions", "width"), [("pp", [3] * 16, 78), ("exam", [*[5] * 12, *[3] * 6, *[2] * 6], 80)]
+)
+def test_a_table_breaks_no_word(quick, task, actions, width):
+    setting = Setting(task=task)
+    names = replay.action_names(setting)
+    turning = [name == "rotate counter-clockwise" for name in names]
+    advice = Advice(tuple(-2.07 + turn for turn in turning), "value")
+    played = [dataclasses.replace(moment, advice=advice) for moment in replay.play(setting, 2, actions)]
+    shown = terminal.table(played, names, width)
+    assert len(re.findall(r"\bcounter-clockwise\b", shown)) == (
+        sum(turning[action] for action in actions) + len(played)
+    )
+    assert max(map(len, shown.splitlines())) <= width
+
+
+def test_a_title_fits_the_console(finished, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "60")
+    assert cli.main(["watch", str(finished)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("vpg on pp") and max(map(len, lines)) <= 60
 
 
 def test_terminal_shows_colour_blocks_and_words(finished, without_waiting):

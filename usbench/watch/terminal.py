@@ -2,6 +2,7 @@
 
 import io
 import itertools
+import textwrap
 import time
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -40,7 +41,7 @@ def show(selection: Selection, console: Console | None = None) -> None:
         if console.is_terminal:
             _live(selection, episode, console)
         else:
-            print(selection.title(episode))
+            print(textwrap.fill(selection.title(episode), console.width))
             print(table(selection.moments(episode), selection.names, console.width))
 
 
@@ -51,7 +52,8 @@ def table(moments: Iterable[Moment], names: Sequence[str], width: int = 80) -> s
     no column.
     """
     played = list(moments)
-    table = Table(box=None, padding=(0, 1, 0, 0), pad_edge=False)
+    # Space on the left: both columns of long words are then made narrower alike, and the words stay whole.
+    table = Table(box=None, padding=(0, 0, 0, 1), pad_edge=False)
     columns = _columns(played, names)
     for heading, texts in columns.items():
         words = heading in WORDS
@@ -86,7 +88,7 @@ def _columns(played: Sequence[Moment], names: Sequence[str]) -> dict[str, list[s
         "optimum": [film.fixed(moment.optimum) for moment in played],
         **{_heading(name): [str(getattr(pose, name)) for pose in poses] for name in moving},
         "settings": [", ".join(in_words(pose)) for pose in poses],
-        "to go\nmm": [f"{moment.distance_mm:g}" for moment in played],
+        "to\ngo\nmm": [f"{moment.distance_mm:g}" for moment in played],
         "slip": [moment.slip for moment in played],
         "advice for the next": advised,
     }
@@ -153,9 +155,8 @@ def _colors(image: npt.NDArray[np.uint8], color_system: str | None) -> list[list
 
 
 def _heading(coordinate: str) -> str:
-    """Return the heading of a column of coordinates, "focal depth" above "mm" for `focal_depth_mm`."""
-    words, _, unit = coordinate.rpartition("_")
-    return f"{words.replace('_', ' ')}\n{unit}"
+    """Return the heading of a column of coordinates: the words of `focal_depth_mm` one above the other."""
+    return coordinate.replace("_", "\n")
 
 
 def _live(selection: Selection, episode: dict[str, Any], console: Console) -> None:
