@@ -31,6 +31,8 @@ def read(path: Path, settings: Mapping[str, Any], *, looking: bool = False) -> A
     """
     given: dict[str, Any] = dict(settings)
     try:
+        if not path.exists():
+            raise FileNotFoundError(f"there is no volume {str(path)!r}.")
         kind = given.pop("frames", "simulated")
         if kind not in KINDS:
             raise unknown("frames", kind, KINDS)

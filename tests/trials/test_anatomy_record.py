@@ -84,6 +84,10 @@ def test_records_of_strangers_are_refused(file, damage):
         anatomy_record.recorded({**plain, "phantom": phantom})
 
 
+def test_a_missing_file_is_refused_before_its_settings(capsys):
+    assert "there is no volume 'nothing.nii'" in refusal(capsys, *RUN, "nothing.nii")
+
+
 @pytest.mark.parametrize(
     ("settings", "said"),
     [
