@@ -104,6 +104,14 @@ def test_a_misspelt_name_is_refused_with_the_name_that_was_meant(tmp_path, monke
             usbench.load_agent(misspelt)
 
 
+def test_a_name_without_its_task_is_refused_with_all_names_unless_it_is_a_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ConfigurationError, match="there is no folder 'best'; agents .* best:exam, "):
+        released.place("best")
+    (tmp_path / "best").mkdir()
+    assert released.place("best").resolve() == tmp_path / "best"
+
+
 def test_the_guide_refuses_an_agent_of_a_task_that_it_does_not_show():
     with pytest.raises(ConfigurationError, match=r"^'best:setup' is of the task 'setup': the guide shows"):
         guide_agents.known("best:setup")

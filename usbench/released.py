@@ -41,8 +41,14 @@ def place(path: str | Path) -> Path:
     """Return the folder of the released agent where `path` is the name of one; any other path as it is.
 
     Raises:
-        ConfigurationError: If `path` is such a name, but there is no such agent; the message lists all.
+        ConfigurationError: If `path` is such a name, but there is no such agent, or what such names have
+            before their colon, but no folder; the message lists all.
     """
+    if str(path) in {name.partition(":")[0] for name in names()} and not Path(path).exists():
+        raise ConfigurationError(
+            f"there is no folder {str(path)!r}; agents that come with the package are named with their "
+            f"task: {', '.join(names())}."
+        )
     if _NAME.fullmatch(str(path)) is None or Path(path).exists():
         return Path(path)
     if str(path) not in names():

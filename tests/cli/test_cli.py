@@ -151,6 +151,10 @@ def test_list_says_what_a_trained_agent_is(capsys):
     assert "a trained agent that comes with the package" in refusal(capsys, "list", "best:pp")
 
 
+def test_list_says_which_command_shows_a_probe(capsys):
+    assert "but a probe: usbench defaults l7-4 shows its fields." in refusal(capsys, "list", "l7-4")
+
+
 def test_list_refuses_an_unknown_name_with_the_closest(capsys):
     assert "did you mean 'qrdqn'?" in refusal(capsys, "list", "qdqn")
 

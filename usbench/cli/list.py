@@ -56,7 +56,7 @@ def _everything() -> list[Table]:
         algorithms.add_row(name, entry.title)
     for name, place in registered().items():
         algorithms.add_row(name, f"from {place}")
-    probes = _table("probes, for --probe", "probe", "what it is")
+    probes = _table("probes, for --probe: usbench defaults PROBE shows the fields", "probe", "what it is")
     for name, title in setting_files.presets().items():
         probes.add_row(name, title)
     return [tasks, algorithms, probes]
@@ -68,7 +68,7 @@ def _one(name: str) -> Table:
     Raises:
         ConfigurationError: If there is none of that name; the message says the closest.
     """
-    from usbench import released, suite
+    from usbench import released, setting_files, suite
     from usbench.agents import plugins, zoo
     from usbench.checks import ConfigurationError, unknown
 
@@ -78,6 +78,10 @@ def _one(name: str) -> Table:
         raise ConfigurationError(
             f"{name!r} is neither algorithm nor task but a trained agent that comes with the package: "
             f"usbench watch {name}."
+        )
+    if name.lower() in setting_files.presets():
+        raise ConfigurationError(
+            f"{name!r} is neither algorithm nor task but a probe: usbench defaults {name} shows its fields."
         )
     if name not in zoo.ZOO and ":" not in name and "+" not in name and name not in plugins.registered():
         known = [*zoo.ZOO, *plugins.registered(), *suite.TASKS]
