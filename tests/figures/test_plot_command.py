@@ -64,7 +64,7 @@ def test_long_names_stay_within_the_figure():
 @pytest.mark.parametrize(
     ("argv", "said"),
     [
-        (["nowhere"], "no folder"),
+        (["nowhere"], "there is no folder 'nowhere' with trials"),
         (["."], "no finished trial to draw in '.'"),
         ([".", "--format", "bmp"], "png, svg, pdf, not 'bmp'"),
         ([".", "--out"], "--out"),

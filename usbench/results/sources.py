@@ -47,7 +47,7 @@ def gather(paths: Sequence[Path], damaged: Callable[[str], None] | None = None) 
 
 def _place(path: Path) -> Path:
     own = path == Path(published.NAME) and not path.exists()
-    return published.folder() if own else path.resolve()
+    return published.folder() if own else records.existing(path).resolve()
 
 
 def _only(known: Results, names: set[str] | None) -> Results:
