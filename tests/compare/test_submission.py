@@ -153,6 +153,15 @@ def test_one_that_is_not_finished_is_found(runs):
     assert submission.problems(folder) == ["it is not finished, but interrupted."]
 
 
+def test_a_folder_without_the_record_of_its_trial_is_told(runs, capsys):
+    (records.trial_folders(runs)[0] / records.TRIAL).rename(runs / "notes.json")
+    (runs / "figures").mkdir()
+    assert cli.main(["submit", "mine", "--check"]) == 0
+    captured = capsys.readouterr()
+    assert captured.out == "verified: 1 of 1 trials\n"
+    assert captured.err.startswith("left out: pp-p0-") and captured.err.count("left out") == 1
+
+
 def test_a_submission_is_written_checked_again_and_added(runs, capsys):
     assert cli.main(["submit", "mine"]) == 0
     captured = capsys.readouterr()
