@@ -4,6 +4,8 @@ import math
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.quiver import Quiver
 
 from usbench.envs import oracle
 from usbench.envs.pose import Pose
@@ -54,3 +56,13 @@ def test_crosses_stand_where_an_action_costs_return():
     (crosses,) = [line for line in axis.lines if line.get_marker() == "x"]
     assert len(crosses.get_xdata()) == 1
     assert abs(crosses.get_xdata()[0] - 0) < 2.5 and abs(crosses.get_ydata()[0] - 0) < 7.5
+
+
+def test_arrows_are_all_as_long_on_paper():
+    plan = oracle.policy(PROBE_PLANE)
+    figure = policy_map.draw(plan, plan.actions[0].astype(int))
+    FigureCanvasAgg(figure).draw()
+    (arrows,) = (drawn for drawn in figure.axes[0].collections if isinstance(drawn, Quiver))
+    # Longer than wide, whatever its direction.
+    lengths = [np.ptp(path.vertices, axis=0).max() for path in arrows.get_paths()]
+    assert len(lengths) > 100 and lengths == pytest.approx([lengths[0]] * len(lengths))

@@ -62,10 +62,11 @@ def draw(
     image = axis.pcolormesh(columns, rows, grid, cmap="Blues", vmin=vmin, vmax=vmax)
     steps = np.array([_direction(task, key, int(action)) for action in actions])
     moves = steps.any(axis=1)
-    length = np.array([np.diff(columns).min(), np.diff(rows).min()]) * 0.35
+    # All as long on paper: 0.7 of a row, whose height limits arrows upwards and downwards.
+    length = 0.7 / len(rows)
     axis.quiver(
-        x[moves], y[moves], *(steps[moves] * length).T,
-        angles="xy", scale_units="xy", scale=0.5, pivot="mid", width=0.006,
+        x[moves], y[moves], *steps[moves].T,
+        angles="xy", units="height", scale_units="height", scale=1 / length, pivot="mid", width=0.13 * length,
     )  # fmt: skip
     axis.plot(x[~moves], y[~moves], "o", color="black", markersize=4)
     axis.set(title=task.title, xlabel=BY_NAME["x_mm"].label, ylabel=BY_NAME[key].label)
