@@ -16,10 +16,11 @@ POSES = {f"{when}_{key}": 0 for when in ("start", "final") for key in ("x_mm", "
 REST = {"final_distance_mm": 1.0, "final_sin_angle": 0.0, "is_success": False, "steps_to_goal": None}
 
 
-def trial(out, evaluations=True, episodes=True):
+def trial(out, evaluations=True, episodes=True, explores=False):
     folder = records.create(out, CONFIG)
     anchors = {"optimal": -5.0, "random": -21.0, "stay": -22.0}
-    write_state(folder, {"status": "finished", "config": dataclasses.asdict(CONFIG), "anchors": anchors})
+    state = {"status": "finished", "config": dataclasses.asdict(CONFIG), "anchors": anchors}
+    write_state(folder, state | {"explores": explores})
     with Journal(folder / records.EPISODES) as journal:
         for number in range(4 * episodes):
             row = Episode(episode=number, step=16 * number + 16, return_=-20.0 + number, poses=POSES, **REST)
@@ -42,6 +43,13 @@ def test_learning_curve_is_a_picture_and_the_same_bytes_again(tmp_path, episodes
         assert image.format == "PNG" and image.width >= 1000
         assert len(image.convert("L").getcolors()) > 3
     assert learning_curve.write(path.parent).read_bytes() == first
+
+
+@pytest.mark.parametrize("explores", [True, False])
+def test_sampled_actions_that_are_exploration_have_no_curve(tmp_path, explores):
+    (legend,) = learning_curve.draw(records.Trial.read(trial(tmp_path, explores=explores))).legends
+    told = " ".join(text.get_text() for text in legend.get_texts())
+    assert "greedy" in told and ("sampled" in told) != explores
 
 
 def test_trial_without_evaluations_is_refused(tmp_path):

@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 
 from usbench.figures import looks, style
 from usbench.records import Trial
+from usbench.results.tables import EXPLORATION
 
 LEARNING_CURVE = "learning_curve.png"
 SMOOTHING_EPISODES = 40
@@ -33,8 +34,8 @@ def draw(trial: Trial) -> Figure:
     """Draw the return of a trial over its training steps; the normalised score stands on the right.
 
     Drawn are training episodes (moving mean), every evaluation (mean and standard deviation over its
-    episodes), and lines for the random agent, the optimum and, where it is known, the ceiling of an agent's
-    knowledge.
+    episodes; with sampled actions only where these are no exploration), and lines for the random agent, the
+    optimum and, where it is known, the ceiling of an agent's knowledge.
 
     Raises:
         ValueError: If the trial has no evaluations.
@@ -52,7 +53,11 @@ def draw(trial: Trial) -> Figure:
         smooth = episodes["return"].rolling(SMOOTHING_EPISODES, min_periods=1).mean()
         label = f"training, mean of {SMOOTHING_EPISODES} episodes"
         axes.plot(episodes["step"], smooth, color="0.65", label=label)
+    # Exploration is no policy, and no row of scores either.
+    explores = trial.explores or EXPLORATION in trial.config.hyperparameters
     for greedy, label, look in EVALUATIONS:
+        if explores and not greedy:
+            continue
         returns = evaluations[evaluations["deterministic"] == greedy].groupby("step")["return"]
         mean, spread = returns.mean(), returns.std(ddof=0)
         axes.plot(mean.index, mean, label=label, **own | look)
