@@ -81,14 +81,16 @@ def tell_watcher(text: str, quiet: bool = False) -> None:
 def add_runs(parser: argparse.ArgumentParser, what: str = "folder with trials") -> None:
     """Add the option for the folder of trials that a command reads; `--out` is what it writes."""
     parser.add_argument(
-        "--runs", type=Path, default=Path("runs"), metavar="DIR", help=f"{what} (default runs)"
+        "--runs", type=Path, default=Path("runs"), metavar="FOLDER", help=f"{what} (default runs)"
     )
 
 
 def add_sweep(parser: argparse.ArgumentParser) -> None:
     """Add the options of commands that run several trials."""
     parser.add_argument("--jobs", type=number, metavar="N", help="trials at a time (default: all cores)")
-    parser.add_argument("--out", type=Path, default=Path("runs"), help="folder for trials (default runs)")
+    parser.add_argument(
+        "--out", type=Path, default=Path("runs"), metavar="FOLDER", help="folder for trials (default runs)"
+    )
     parser.add_argument("--quiet", action="store_true", help="no progress")
 
 

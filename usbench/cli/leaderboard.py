@@ -29,15 +29,18 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
     )
     source = leaderboard.add_mutually_exclusive_group()
     source.add_argument(
-        "--runs", type=Path, metavar="DIR", help="folder with trials: read all of them, whatever compare read"
+        "--runs",
+        type=Path,
+        metavar="FOLDER",
+        help="folder with trials: read all of them, whatever compare read",
     )
     source.add_argument(
-        "--add", type=Path, metavar="DIR", help="folder with trials: add them to those of the tables"
+        "--add", type=Path, metavar="FOLDER", help="folder with trials: add them to those of the tables"
     )
     leaderboard.add_argument(
         "--search",
         type=Path,
-        metavar="DIR",
+        metavar="FOLDER",
         help="folder with the records of searches, for example search: tell how hard each row is to tune",
     )
     add_leaderboard_file(leaderboard)

@@ -41,7 +41,9 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         "(default: that of --runs)",
     )
     add_runs(plot)
-    plot.add_argument("--out", type=Path, default=Path("figures"), help="folder (default figures)")
+    plot.add_argument(
+        "--out", type=Path, default=Path("figures"), metavar="FOLDER", help="folder (default figures)"
+    )
     plot.add_argument(
         "--format",
         nargs="+",

@@ -83,7 +83,9 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         metavar="NAME=VALUE",
         help="hyperparameters, for example n_value_steps=80",
     )
-    run.add_argument("--out", type=Path, default=Path("runs"), help="folder for trials (default runs)")
+    run.add_argument(
+        "--out", type=Path, default=Path("runs"), metavar="FOLDER", help="folder for trials (default runs)"
+    )
     run.add_argument("--overwrite", action="store_true", help="run again even if finished")
     run.add_argument(
         "--wandb", action="store_true", help="let Weights & Biases follow the training; needs usbench[wandb]"

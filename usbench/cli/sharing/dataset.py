@@ -39,7 +39,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
     dataset.add_argument(
         "--seed", type=number, default=0, metavar="N", help="seed of the episodes (default 0)"
     )
-    dataset.add_argument("--out", type=Path, metavar="DIR", help="folder (default: where Minari looks)")
+    dataset.add_argument("--out", type=Path, metavar="FOLDER", help="folder (default: where Minari looks)")
     dataset.add_argument("--quiet", action="store_true", help="no progress")
     dataset.set_defaults(call=_call)
 

@@ -30,7 +30,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
     )
     submit.add_argument("trials", type=Path, metavar="TRIALS", help="folder of trials, or a single trial")
     submit.add_argument(
-        "--out", type=Path, default=Path("submission"), metavar="DIR", help="folder (default submission)"
+        "--out", type=Path, default=Path("submission"), metavar="FOLDER", help="folder (default submission)"
     )
     submit.add_argument("--check", action="store_true", help="check, and write nothing")
     submit.add_argument("--quiet", action="store_true", help="no progress")
