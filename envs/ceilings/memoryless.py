@@ -69,7 +69,7 @@ def histories(
         signs += [np.broadcast_to(actions, at.shape) for actions in past.T]
     observed = np.unique(np.stack([sign.ravel() for sign in signs]), axis=1, return_inverse=True)[1]
 
-    # After an action the oldest one is made, and the new one is the last; where no action is kept, nothing is remembered.
+    # After an action the oldest one is made, and the new one is the last; where none is kept, none is made.
     oldest = moves[:, past[:, 0]] if n_past else None
     following = np.empty((n_hypotheses, len(pasts), n_actions), dtype=np.int64)
     for action in range(n_actions):

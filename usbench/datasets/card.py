@@ -1,12 +1,14 @@
 """The card of a data set: what is in it, who acted, and what it is not good for."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 
 import numpy as np
 
+from usbench import released
 from usbench.anchors import Anchors
-from usbench.datasets.episodes import MIXED, PARTS, Played
+from usbench.datasets.episodes import BEST, MIXED, PARTS, Played
+from usbench.records import Trial
 from usbench.setting import Setting
 
 
@@ -35,7 +37,7 @@ def text(
         f"```\nusbench dataset {options}\n```",
         f"{len(played)} episodes, {distinct} of them distinct (start and actions), {n_steps} steps, "
         f"{size_bytes / 1e6:.1f} MB; written by usbench {version('usbench')}.",
-        _table(anchors, played, who),
+        _table(anchors, played, {agent: _described(agent, setting.task) for agent in who}),
         "The normalised score is (return - random) / (optimal - random) with exact expectations, which "
         "`minari.get_normalized_score` computes, too. Agents that learned take greedy actions. `infos` hold "
         "the true pose, the distance and the number of the agent in the table: an agent that learns from "
@@ -51,16 +53,23 @@ def _start(episode: Played) -> tuple[object, ...]:
     return tuple(values[0] for values in episode.infos.values())
 
 
-def _table(anchors: Anchors, played: Sequence[Played], who: Sequence[str]) -> str:
+def _described(agent: str, task: str) -> str:
+    """Return the agent's name; of the best of the package with its trial, since a later one has another."""
+    if agent != BEST:
+        return agent
+    return f"{agent} (`{Trial.read(released.place(f'{BEST}:{task}')).config.folder_name}`)"
+
+
+def _table(anchors: Anchors, played: Sequence[Played], who: Mapping[str, str]) -> str:
     rows: list[tuple[str, ...]] = [("number", "agent", "episodes", "return", "score", "ends at the goal")]
-    for number, agent in enumerate(who):
+    for number, (agent, described) in enumerate(who.items()):
         own = [episode for episode in played if episode.agent == agent]
         mean = float(np.mean([sum(episode.rewards) for episode in own]))
         success = np.mean([bool(episode.infos["is_success"][-1]) for episode in own])
         rows.append(
             (
                 str(number),
-                agent,
+                described,
                 str(len(own)),
                 f"{mean:.2f}",
                 f"{anchors.score(mean):.3f}",
