@@ -145,7 +145,7 @@ def endings(ends: pd.DataFrame) -> tuple[Sentence, Sentence]:
                 {
                     "turn the long way (%)": plane["long_way"],
                     "end in plane (%)": 1 - plane["out_of_plane"],
-                    "of them at half a turn (%)": plane["half_turn"],
+                    "end at half a turn (%)": plane["half_turn"],
                 },
             ),
         ),
