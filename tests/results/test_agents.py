@@ -8,6 +8,7 @@ from made_tables import made, seeds, trial
 
 from usbench.agents import zoo
 from usbench.results import agents, tables, verdict
+from usbench.results.protocol import further
 
 GRID = Path(__file__).parents[2] / "leaderboard_files"
 
@@ -63,7 +64,7 @@ def test_trials_with_less_than_the_budget_do_not_take_the_name():
 
 def test_every_trial_of_the_grid_has_the_settings_of_the_table_of_algorithms():
     """So that no other trial can take the name of one of its rows."""
-    trials = tables.read(GRID).trials
+    trials = further.first(tables.read(GRID)).trials
     learned = trials[trials["steps"] > 0]
     assert len(learned) and (learned.apply(agents._alike, axis=1) == 3).all()
 
