@@ -198,6 +198,7 @@ def test_stale_tab_whose_episode_is_over_is_refreshed_too(page):
         expect(page.get_by_text(f"Step {step + 1} of 16")).to_be_visible()
     other = page.context.browser.new_page()
     other.goto(page.url)
+    expect(other.get_by_text("Step 16 of 16")).to_be_visible()
     other.keyboard.press("n")
     expect(other.get_by_text("Step 0 of 16")).to_be_visible()
     page.keyboard.press("r")

@@ -79,7 +79,13 @@ function say(sentence) {
   if (byId("alert").textContent !== sentence) byId("alert").textContent = sentence;
 }
 
-const act = (action, since) => send("act", { action }, since);
+const OVER = "The episode is over: begin a new one (N).";
+const ELSEWHERE = "This examination went on in another tab: the page shows now where it is.";
+function act(action, since) {
+  if (busy || !shown.over) send("act", { action }, since);
+  // Unless another tab has begun a new one.
+  else send("state").then(() => say(shown.over ? OVER : ELSEWHERE));
+}
 // Another task or noise begins a new episode: ask before one that has begun is lost.
 function change(choice, what) {
   if (shown.over || !shown.step) return send("choose", choice);
