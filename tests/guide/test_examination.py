@@ -77,7 +77,7 @@ def test_stopping_ends_the_episode_and_is_judged_there():
     examination = Examination(Setting(task="exam-stop"), 5)
     examination.act(7)
     assert examination.over and not examination.at_goal and examination.advice is None
-    with pytest.raises(ValueError, match="The episode is over"):
+    with pytest.raises(ValueError, match="over after 1 steps"):
         examination.act(0)
     assert examination.return_ < examination.optimum[-1]
     examination.ask(None)  # another agent sees the same end
@@ -170,7 +170,7 @@ def test_episode_ends_after_16_steps():
     examination = Examination(Setting(task="pp", noise=0.0), 0)
     for _ in range(16):
         examination.act(0)
-    with pytest.raises(ValueError, match="The episode is over"):
+    with pytest.raises(ValueError, match="over after 16 steps"):
         examination.act(0)
 
 

@@ -140,7 +140,7 @@ class Examination:
         """
         action = whole_number("action", action, 0, len(self.guidance.actions) - 1)
         if self.over:
-            raise ValueError("The episode is over: begin a new one (N).")
+            raise ValueError(f"the episode is over after {len(self.actions)} steps: begin a new one.")
         move = self.guidance.actions[action].move
         self.blocked = move != Move() and self.pose.moved(move, self.guidance.limits) == self.pose
         self._tell("simulating the next frame")
