@@ -179,20 +179,25 @@ def test_table_fits_80_columns_with_whole_numbers(quick):
     assert "slip" not in terminal.table(replay.play(Setting(task="pp", noise=0.0), 2, [0] * 16), names)
 
 
-@pytest.mark.parametrize(
-    ("task", "actions", "width"), [("pp", [3] * 16, 78), ("exam", [*[5] * 12, *[3] * 6, *[2] * 6], 80)]
-)
-def test_a_table_breaks_no_word(quick, task, actions, width):
-    setting = Setting(task=task)
+@pytest.mark.parametrize(("task", "actions"), [("pp", [3] * 16), ("exam", [*[5] * 12, *[3] * 6, *[2] * 6])])
+@pytest.mark.parametrize("noise", [0.0, 0.5])
+def test_a_table_breaks_words_at_hyphens_alone(quick, task, actions, noise):
+    setting = Setting(task=task, noise=noise)
     names = replay.action_names(setting)
     turning = [name == "rotate counter-clockwise" for name in names]
     advice = Advice(tuple(-2.07 + turn for turn in turning), "value")
     played = [dataclasses.replace(moment, advice=advice) for moment in replay.play(setting, 2, actions)]
-    shown = terminal.table(played, names, width)
-    assert len(re.findall(r"\bcounter-clockwise\b", shown)) == (
-        sum(turning[action] for action in actions) + len(played)
+    shown = terminal.table(played, names)
+    parts = set(re.findall("[a-z]+", shown))
+    assert {"rotate", "counter", "clockwise"} <= parts
+    headings = (
+        "start slip next advice for the to step action reward return optimum x angle focal depth mm deg"
     )
-    assert max(map(len, shown.splitlines())) <= width
+    whole = {*headings.split(), "depth", "go", "left", "right", "deeper", "shallower"}
+    whole |= {part for name in names for part in re.findall("[a-z]+", name)}
+    whole |= {part for moment in played for part in re.findall("[a-z]+", moment.slip)}
+    assert parts <= whole
+    assert max(map(len, shown.splitlines())) <= 80
 
 
 def test_a_title_fits_the_console(finished, capsys, monkeypatch):

@@ -4,7 +4,7 @@ import io
 import itertools
 import textwrap
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -26,6 +26,7 @@ TEXT_LINES = 8
 SHADES = " ░▒▓█"
 # Columns of the table that hold words, which may be folded.
 WORDS = ("action", "settings", "slip", "advice for the next")
+LONGEST_PART = len("clockwise")
 # The colours of a terminal with 256 of them, from number 16: a cube of 6 x 6 x 6, and 24 greys.
 FIRST_OF_256 = 16
 _CUBE = (0, 95, 135, 175, 215, 255)
@@ -52,17 +53,15 @@ def table(moments: Iterable[Moment], names: Sequence[str], width: int = 80) -> s
     no column.
     """
     played = list(moments)
-    # Space on the left: both columns of long words are then made narrower alike, and the words stay whole.
+    columns = _folded(_columns(played, names), width)
     table = Table(box=None, padding=(0, 0, 0, 1), pad_edge=False)
-    columns = _columns(played, names)
     for heading, texts in columns.items():
         words = heading in WORDS
         table.add_column(
             heading,
             justify="left" if words else "right",
             no_wrap=not words,
-            overflow="fold",
-            min_width=None if words else max(map(len, texts)),
+            min_width=max(len(line) for text in texts for line in text.split("\n")),
         )
     for row in zip(*columns.values(), strict=True):
         table.add_row(*row)
@@ -93,6 +92,21 @@ def _columns(played: Sequence[Moment], names: Sequence[str]) -> dict[str, list[s
         "advice for the next": advised,
     }
     return {heading: texts for heading, texts in columns.items() if heading not in WORDS or any(texts)}
+
+
+def _folded(columns: Mapping[str, list[str]], width: int) -> dict[str, list[str]]:
+    """Return the columns with words folded, at their hyphens too, into the room that the numbers leave."""
+    words = [heading for heading in columns if heading in WORDS]
+    numbers = [
+        max(map(len, [*heading.split("\n"), *texts])) + 1
+        for heading, texts in columns.items()
+        if heading not in words
+    ]
+    room = max((width - sum(numbers)) // len(words) - 1, LONGEST_PART)
+    return {
+        heading: [textwrap.fill(text, room) for text in texts] if heading in words else texts
+        for heading, texts in columns.items()
+    }
 
 
 def screen(moment: Moment, steps: int, names: Sequence[str], console: Console) -> Text:
