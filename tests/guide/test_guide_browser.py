@@ -263,6 +263,7 @@ def test_verdict_and_controls_are_on_the_first_screen(page, width, height):
     if width < 500:
         assert min(box["y"] for box in buttons) > frame["y"] + frame["height"] - 1
         assert page.locator(".frame").bounding_box()["width"] > width - 20
+        assert frame["height"] > 0.55 * height
 
 
 @pytest.mark.parametrize("width", [1366, 1100])
