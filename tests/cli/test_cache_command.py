@@ -38,7 +38,7 @@ def test_shows_place_size_limit_and_what_each_file_is(capsys, folder):
     assert lines[2] == "tables: 0 files, 0.0 MB of at most 1000 MB"
     (row,) = [line for line in lines if "Phantom" in line]
     assert "│ 3 frames │ 0.0 MB │" in row
-    assert row.endswith("│ this │ Phantom(seed=7) LinearArray() Imaging() │")
+    assert row.endswith("│ this │ Phantom(seed=7), default array, default imaging │")
 
 
 def test_tells_frames_of_another_simulator_apart(capsys, folder, monkeypatch):
@@ -55,13 +55,15 @@ def test_a_file_that_is_not_readable_is_shown_and_cleared(capsys, folder):
 
 def test_tables_are_listed_and_cleared_too(capsys, folder, monkeypatch):
     path = table_files.TABLES.path("f" * 64)
-    table_files.write(path, table_files.Contents("responses of a probe", table_files.CODE, {"a": np.ones(3)}))
+    table_files.write(
+        path, table_files.Contents("depth 0.0943021 m, Probe()", table_files.CODE, {"a": np.ones(3)})
+    )
     lines = shown(capsys)
     assert lines[2].startswith("tables: 1 file, 0.0 MB")
-    (row,) = [line for line in lines if "responses" in line]
-    assert row.startswith("│ a table │ 0.0 MB │") and row.endswith("│ this │ responses of a probe │")
+    (row,) = [line for line in lines if "depth" in line]
+    assert row.startswith("│ a table │ 0.0 MB │") and row.endswith("│ this │ depth 0.0943 m, default probe │")
     monkeypatch.setattr(table_files, "CODE", "changed since")
-    (row,) = [line for line in shown(capsys) if "responses" in line]
+    (row,) = [line for line in shown(capsys) if "depth" in line]
     assert "│ another │" in row
     path.write_bytes(b"not a table")
     assert any("not readable" in line for line in shown(capsys))

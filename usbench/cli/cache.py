@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 from datetime import datetime
 from typing import Any
 
@@ -61,15 +62,26 @@ def print_cache() -> None:
     for entry in of_frames:
         row = damaged
         if (held := entry.contents) is not None:
-            row = [_counted(len(held.frames)), _made_by(held.simulator == frames.SIMULATOR), held.scene]
+            row = [
+                _counted(len(held.frames)),
+                _made_by(held.simulator == frames.SIMULATOR),
+                _readable(held.scene),
+            ]
         shown.add_row(row[0], *_size_and_use(entry), *row[1:])
     for one in of_tables:
         row = damaged
         if (table := one.contents) is not None:
-            row = ["a table", _made_by(table.code == table_files.CODE), table.scene]
+            row = ["a table", _made_by(table.code == table_files.CODE), _readable(table.scene)]
         shown.add_row(row[0], *_size_and_use(one), *row[1:])
     if of_frames or of_tables:
         Console().print(shown)
+
+
+def _readable(scene: str) -> str:
+    """Return what a file holds with `LinearArray()` as "default array", and numbers of four digits."""
+    listed = re.sub(r"\) (?=[A-Z])", "), ", scene)
+    named = re.sub(r"\w*([A-Z])(\w+)\(\)", lambda name: f"default {name[1].lower()}{name[2]}", listed)
+    return re.sub(r"\b\d+\.\d+(e-?\d+)?\b", lambda number: f"{float(number[0]):.4g}", named)
 
 
 def _counted(n_frames: int) -> str:
