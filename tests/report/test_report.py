@@ -200,10 +200,23 @@ def test_a_damaged_trial_is_left_out_and_named(runs, without_figures, tmp_path, 
     assert told in capsys.readouterr().err
     page = out.read_text()
     assert (
-        "Left out, since their records are damaged: second/" in page and "The only trial is finished." in page
+        "Left out, since their records are damaged or missing: second/" in page
+        and "The only trial is finished." in page
     )
     assert cli.main(["plot", str(runs), "--out", str(tmp_path / "figures")]) == 0
     assert told in capsys.readouterr().err
+
+
+def test_a_trial_without_its_record_is_left_out_and_named(runs, without_figures, tmp_path, capsys):
+    shutil.copytree(records.trial_folders(runs)[0], runs / "second")
+    (runs / "second" / records.TRIAL).unlink()
+    (runs / "drawings").mkdir()
+    out = tmp_path / "page.html"
+    told = f"left out: {runs.resolve()}/second has no trial.json."
+    for command in (["report", str(runs), "--out", str(out)], ["plot", str(runs), "--out", str(tmp_path)]):
+        assert cli.main(command) == 0
+        assert [line for line in capsys.readouterr().err.splitlines() if "left out" in line] == [told]
+    assert "damaged or missing: second has no trial.json." in out.read_text()
 
 
 def test_command_writes_the_page_and_tells_what_it_does(runs, without_figures, tmp_path, capsys):

@@ -59,10 +59,8 @@ def check(runs: Path, tell: Callable[[str], None] = lambda _: None) -> dict[Path
     folders = records.trial_folders(runs) if runs.is_dir() else []
     if not folders:
         raise ConfigurationError(f"there is no trial in {str(runs)!r}: usbench compare makes some.")
-    for other in sorted(set(runs.iterdir()) - set(folders)) if folders != [runs] else ():
-        begun = any((other / name).is_file() for name in (*FILES, records.MODEL))
-        if begun and not (other / records.TRIAL).exists():
-            tell(f"left out: {other.name} (no {records.TRIAL})")
+    for other in records.without_record(runs) if folders != [runs] else ():
+        tell(f"left out: {other.name} has no {records.TRIAL}.")
     trials = "1 trial" if len(folders) == 1 else f"{len(folders)} trials"
     tell(f"checking {trials}: every evaluation is played again, some seconds for each trial")
     found = {}

@@ -25,6 +25,7 @@ from usbench.records.folder import (
     no_trial,
     trial_folders,
     unwritable,
+    without_record,
 )
 from usbench.records.trial import Frames, Trial, load, load_trials, means
 
@@ -54,4 +55,5 @@ __all__ = [
     "no_trial",
     "trial_folders",
     "unwritable",
+    "without_record",
 ]

@@ -78,6 +78,12 @@ def trial_folders(runs: Path) -> list[Path]:
     return [folder for folder in candidates if not _EARLIER.search(folder.name)]
 
 
+def without_record(runs: Path) -> list[Path]:
+    """Return the folders in `runs`, which is no trial itself, with files of a trial, but no `trial.json`."""
+    begun = {path.parent for name in (EPISODES, EVALUATIONS, MODEL) for path in runs.glob(f"*/{name}")}
+    return sorted(folder for folder in begun if not (folder / TRIAL).exists())
+
+
 def existing(runs: Path) -> Path:
     """Return `runs` if it is a folder.
 

@@ -17,7 +17,8 @@ def gather(paths: Sequence[Path], damaged: Callable[[str], None] | None = None) 
     Args:
         paths: Folders of trials, single trials, or folders of tables that `tables.write` wrote; "published",
             where there is no such folder, stands for the tables that come with the package.
-        damaged: Told of each trial whose record is broken, which is then left out; without it, an error.
+        damaged: Told of each trial whose record is broken or is not there, which is then left out; without
+            it, a broken record is an error.
 
     Raises:
         ConfigurationError: If one of `paths` is no folder, or records in it are broken.
@@ -37,6 +38,9 @@ def gather(paths: Sequence[Path], damaged: Callable[[str], None] | None = None) 
         found += [_only(tables.collect(folder, damaged=damaged), names) for folder, names in chosen.items()]
     except (FileNotFoundError, ValueError) as error:
         raise ConfigurationError(str(error)) from error
+    for folder in (folder for folder, names in chosen.items() if names is None and damaged is not None):
+        for other in records.without_record(folder):
+            damaged(f"{other} has no {records.TRIAL}.")
     trials = pd.concat([results.trials for results in found], ignore_index=True)
     curves = pd.concat([results.curves for results in found], ignore_index=True)
     return Results(
