@@ -16,7 +16,7 @@ from rich.table import Column, Table
 from usbench import records, suite
 from usbench.envs.frames import frame_store
 from usbench.figures import episode_ends, look_alikes, style
-from usbench.results import tables
+from usbench.results import sources, tables
 from usbench.results.protocol import further
 from usbench.setting import make_env
 
@@ -29,14 +29,6 @@ def frames(task: str) -> np.ndarray:
     store = frame_store(env.phantom, env.probe, env.imaging)
     store.prepare(env.task.states)
     return np.stack([store.frame(pose) for pose in env.task.states])
-
-
-def collected(runs: list[Path]) -> tables.Results:
-    """Return the results of several folders together."""
-    parts = [tables.collect(folder) for folder in runs]
-    return tables.Results(
-        pd.concat([part.trials for part in parts]), pd.concat([part.curves for part in parts])
-    )
 
 
 def ends_of(runs: Path) -> pd.DataFrame | None:
@@ -91,7 +83,7 @@ def main() -> None:
             style.save(episode_ends.draw(ends[~ends["algo"].isin(NOT_DRAWN)]), args.ends)
     if args.frames:
         folders = [folder for folder in (args.runs, args.frames) if folder.is_dir()]
-        rows = episode_ends.by_frames(collected(folders))
+        rows = episode_ends.by_frames(sources.gather(folders))
         console.print(printed(rows, "Scores by the frames of an observation"))
 
 

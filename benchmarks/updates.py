@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.table import Table
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from usbench.results import tables
+from usbench.results import scores, tables
 
 PARTS = (0.0, 0.1, 0.25, 1.0)
 TAGS = {"KL divergence of an update": "train/approx_kl", "entropy (nats)": "train/entropy_loss"}
@@ -35,8 +35,7 @@ def main() -> None:
     args = parser.parse_args()
     found = tables.collect(args.runs)
     trials = found.trials[(found.trials["algo"] == args.algo) & (found.trials["status"] == "finished")]
-    last = found.curves[found.curves["kind"] == tables.GREEDY].groupby("trial").tail(1)
-    scores = last.set_index("trial")["normalized_score"]
+    final = scores.last(found).set_index("trial")["normalized_score"]
     table = Table(
         "task",
         "noise",
@@ -53,7 +52,7 @@ def main() -> None:
         settings = json.loads(trial.settings)
         table.add_row(
             trial.task, f"{trial.noise:g}", str(trial.seed), f"{settings['learning_rate']:g}",
-            f"{scores[trial.trial]:.2f}", *columns,
+            f"{final[trial.trial]:.2f}", *columns,
         )  # fmt: skip
     Console(width=110).print(table)
 

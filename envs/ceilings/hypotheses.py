@@ -15,18 +15,17 @@ import numpy as np
 import numpy.typing as npt
 
 from usbench.envs import oracle
-from usbench.envs.bmode import DEFAULT_IMAGING, Imaging
+from usbench.envs.bmode import DEFAULT_IMAGING
 from usbench.envs.observation import senses as sensing
 from usbench.envs.phantom import ObjectOfInterest
 from usbench.envs.pose import Move, Pose, cos_deg, sin_deg
-from usbench.envs.probe import DEFAULT_ARRAY, LinearArray
+from usbench.envs.probe import DEFAULT_ARRAY
 from usbench.envs.task import Task
 from usbench.envs.tasks.random_phantoms import PhantomDistribution
 
 Ints = npt.NDArray[np.int64]
 Picture = npt.NDArray[np.float32]
 _ROUNDING_MM = 1e-6  # mirrored pictures are the same to the bit
-_FAINT_MM = 1.0  # of tissue behind a pixel, which eyes that miss something do not tell apart
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +114,7 @@ class Hypotheses:
         return (mean_return - random) / (optimal - random)
 
 
-def of_distribution(task: Task, phantoms: PhantomDistribution, missed_px: int = 0) -> Hypotheses:
+def of_distribution(task: Task, phantoms: PhantomDistribution) -> Hypotheses:
     """Return the hypotheses of a task whose phantoms are drawn.
 
     Objects that are turned by 180 degrees are the same, and so are objects of other depths where the focus
@@ -124,7 +123,6 @@ def of_distribution(task: Task, phantoms: PhantomDistribution, missed_px: int = 
     Args:
         task: The task, which moves the probe and turns it, with the focus where it is.
         phantoms: What its phantoms are drawn from.
-        missed_px: See `alike`; 0 for ideal eyes, which miss nothing.
 
     Raises:
         ValueError: If the task moves the focus, which ideal eyes do not see.
@@ -144,17 +142,17 @@ def of_distribution(task: Task, phantoms: PhantomDistribution, missed_px: int = 
                 known[relative] = len(pictures)
                 pictures.append(thickness_mm(target, pose))
             seen[i, j] = known[relative]
-    return Hypotheses(task, targets, alike(np.array(pictures), missed_px)[seen])
+    same = np.unique(np.array(pictures), axis=0, return_inverse=True)[1].ravel().astype(np.int64)
+    return Hypotheses(task, targets, same[seen])
 
 
-def thickness_mm(
-    target: Pose, pose: Pose, array: LinearArray = DEFAULT_ARRAY, imaging: Imaging = DEFAULT_IMAGING
-) -> Picture:
+def thickness_mm(target: Pose, pose: Pose) -> Picture:
     """Return how much of the object at `target` lies behind each pixel from `pose`, (n_pixels,) mm.
 
-    Counted is what lies in the slice that makes a frame: up to `array.slice_thickness` / 2 from the image
-    plane. The object is the paper's.
+    Counted is what lies in the slice that makes a frame: up to half of its thickness from the image plane.
+    Object, array and imaging are the paper's.
     """
+    array, imaging = DEFAULT_ARRAY, DEFAULT_IMAGING
     ooi = ObjectOfInterest(target.x_mm, target.focal_depth_mm, target.angle_deg)
     pixel_mm, half_mm = imaging.pixel_size * 1e3, array.slice_thickness * 1e3 / 2
     u = (np.arange(imaging.width_px) + 0.5 - imaging.width_px / 2) * pixel_mm
@@ -169,25 +167,3 @@ def thickness_mm(
         first, last = np.maximum(across - half_chord, -half_mm), np.minimum(across + half_chord, half_mm)
         total += np.maximum(last - first, 0.0)
     return np.asarray(np.rint(total.ravel() / _ROUNDING_MM) * _ROUNDING_MM, dtype=np.float32)
-
-
-def alike(pictures: npt.NDArray[np.float32], missed_px: int) -> Ints:
-    """Return a number for every picture (n, n_pixels), the same for pictures that look alike, (n,).
-
-    Without `missed_px` pictures look alike that are the same. Else each looks like the first earlier one from
-    which it differs by more than 1 mm in fewer pixels than that.
-    """
-    distinct, numbers = np.unique(pictures, axis=0, return_inverse=True)
-    numbers = numbers.ravel().astype(np.int64)
-    if missed_px <= 0:
-        return numbers
-    leaders: list[int] = []
-    group = np.zeros(len(distinct), dtype=np.int64)
-    for k, picture in enumerate(distinct):
-        different = (np.abs(distinct[leaders] - picture) > _FAINT_MM).sum(axis=1)
-        if len(leaders) and different.min() < missed_px:
-            group[k] = int(np.argmin(different))
-        else:
-            group[k] = len(leaders)
-            leaders.append(k)
-    return group[numbers]

@@ -83,7 +83,7 @@ def sandbox(tmp_path, monkeypatch, quick):
         monkeypatch.setattr(module, name, accepted)
     monkeypatch.setattr("usbench.compare.search.run", accepted)
     monkeypatch.setattr("usbench.compare.dask_cluster._connect", accepted)
-    monkeypatch.setattr("usbench.watch.snapshot.take", accepted, raising=False)
+    monkeypatch.setattr("usbench.watch.snapshot.take", accepted)
     monkeypatch.setenv("USBENCH_CACHE", str(tmp_path / "cache"))
     monkeypatch.chdir(tmp_path)
     (tmp_path / "file").write_text("untouched")

@@ -116,11 +116,11 @@ def _algorithm(name: str) -> Table:
     if not entry.learns:
         table.add_row("--set", "nothing: it does not learn")
     elif entry.hyperparameters:
-        table.add_row("--set, defaults", _settings(entry.hyperparameters, "\n"))
+        table.add_row("--set, defaults", _settings(entry.hyperparameters))
     for task, values in entry.tasks.items():
-        table.add_row(f"--task {task}", _settings(values, "\n"))
+        table.add_row(f"--task {task}", _settings(values))
     for preset, values in entry.presets.items():
-        table.add_row(f"--preset {preset}", _settings(values, "\n"))
+        table.add_row(f"--preset {preset}", _settings(values))
     return table
 
 
@@ -135,10 +135,10 @@ def _table(title: str, *headings: str) -> Table:
     return table
 
 
-def _settings(values: Mapping[str, float], separator: str) -> str:
-    """Return hyperparameters as `--set` takes them."""
+def _settings(values: Mapping[str, float]) -> str:
+    """Return hyperparameters as `--set` takes them, a line each."""
     texts = {
         name: str(value).lower() if isinstance(value, bool) else f"{value:g}"
         for name, value in values.items()
     }
-    return separator.join(f"{name}={text}" for name, text in texts.items())
+    return "\n".join(f"{name}={text}" for name, text in texts.items())

@@ -15,7 +15,7 @@ from usbench.agents.search_space import SPACES, candidates
 from usbench.agents.zoo import hyperparameters
 from usbench.compare.protocol import Protocol
 from usbench.records import ConfigurationError, Trial, TrialConfig
-from usbench.records.journal import Journal, read_rows
+from usbench.records.journal import Journal, cut_torn_line, read_rows
 
 # What a training that diverges fails with; anything else is the machine's.
 DIVERGED = ("ValueError", "RuntimeError", "FloatingPointError")
@@ -94,7 +94,7 @@ class SearchRecord:
     def _append(self, one: Mapping[str, Any]) -> None:
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            _cut_torn_line(self.path)
+            cut_torn_line(self.path)
             with Journal(self.path) as journal:
                 journal.append([one] if self.path.stat().st_size else [self._head, one])
         except OSError as error:
@@ -134,11 +134,3 @@ def _head(row: str, protocol: Protocol) -> dict[str, Any]:
 
 def _place(one: Mapping[str, Any]) -> Place:
     return Place(*(one[name] for name in ("rung", "candidate", "task", "noise", "seed")))
-
-
-def _cut_torn_line(path: Path) -> None:
-    """Take away a last line that a crash left unfinished, which would spoil the next."""
-    content = path.read_bytes() if path.exists() else b""
-    whole = content[: content.rfind(b"\n") + 1]
-    if whole != content:
-        path.write_bytes(whole)

@@ -192,8 +192,7 @@ def improvement(known: Results) -> Figure | None:
 
 def _final(known: Results) -> pd.DataFrame:
     """Return a row for every finished trial: its last evaluation, its names."""
-    last = known.curves[known.curves["kind"] == SCORED].groupby("trial").tail(1)
-    return last.merge(named(known.trials), on="trial")
+    return scores.last(known).merge(named(known.trials), on="trial")
 
 
 def _ranked(table: pd.DataFrame) -> list[str]:

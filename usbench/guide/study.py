@@ -16,7 +16,7 @@ from usbench.atomic import atomic_file
 from usbench.checks import check_plain_name
 from usbench.guide.examination import Examination, Opened
 from usbench.records import EVALUATIONS, ConfigurationError, Evaluation
-from usbench.records.journal import Journal, read_rows
+from usbench.records.journal import Journal, cut_torn_line, read_rows
 from usbench.results.studies import ADVISED, AGENT, HUMAN, OPTIMUM, STUDY
 from usbench.setting import Setting
 from usbench.suite import EvaluationEpisode
@@ -64,7 +64,7 @@ class Study:
         self.folder, self.plays = runs / f"study-{name}", plan(name, setting)
         record = {"study": name, "task": setting.task, "noise": setting.noise, "agent": agent}
         self._begin({**record, "anchors": asdict(setting.anchors()), "environment": setting.record()})
-        _cut_torn_line(self.folder / EVALUATIONS)
+        cut_torn_line(self.folder / EVALUATIONS)
         self.n_done = sum(row["player"] in (HUMAN, ADVISED) for row in read_rows(self.folder / EVALUATIONS))
         self._steps: list[tuple[int | None, bool, float]] = []
         self._since = time.monotonic()
@@ -143,11 +143,3 @@ class Study:
                 f"the study {self.name!r} has begun with another task, noise, agent or imaging: "
                 "choose another name."
             )
-
-
-def _cut_torn_line(path: Path) -> None:
-    """Take away a last line that a crash left unfinished, so that others can follow."""
-    if path.is_file():
-        content = path.read_bytes()
-        with path.open("r+b") as file:
-            file.truncate(content.rfind(b"\n") + 1)

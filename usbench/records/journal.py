@@ -75,6 +75,14 @@ def kept_at(path: Path, mark: Mark) -> bytes:
     return content
 
 
+def cut_torn_line(path: Path) -> None:
+    """Take away a last line that a crash left unfinished, so that others can follow."""
+    if path.is_file():
+        content = path.read_bytes()
+        with path.open("r+b") as file:
+            file.truncate(content.rfind(b"\n") + 1)
+
+
 def read_rows(path: Path) -> list[dict[str, Any]]:
     """Read a journal; a last line that a crash left unfinished is passed over.
 

@@ -19,8 +19,8 @@ from usbench.report import pictures
 from usbench.report.pictures import Picture
 from usbench.report.poses import Poses, silence
 from usbench.report.tables import Table, percent
+from usbench.results import scores
 from usbench.results.agents import named
-from usbench.results.scores import SCORED
 from usbench.results.tables import Results
 from usbench.setting import Setting
 from usbench.watch import film, panels, replay
@@ -89,8 +89,8 @@ class Card:
 
 def shown(known: Results) -> list[Shown]:
     """Return a trial for each task and agent: tasks in order, agents that learn first, best first."""
-    last = known.curves[known.curves["kind"] == SCORED].groupby("trial").tail(1)
-    table = named(known.trials).merge(last[["trial", "normalized_score"]], on="trial")
+    last = scores.last(known)[["trial", "normalized_score"]]
+    table = named(known.trials).merge(last, on="trial")
     chosen = []
     for (task, agent), own in table.groupby(["task", "agent"]):
         noise = own["noise"].min()

@@ -13,7 +13,6 @@ from usbench.figures import episode_ends
 from usbench.records import Trial
 from usbench.results import scores, studies
 from usbench.results.agents import named
-from usbench.results.scores import SCORED
 from usbench.results.tables import Results
 
 DASH = "–"
@@ -105,7 +104,7 @@ def environments(runs: Path, known: Results) -> list[Table]:
 
 def trials(known: Results) -> Table:
     """Return what became of every trial."""
-    last = known.curves[known.curves["kind"] == SCORED].groupby("trial").tail(1)
+    last = scores.last(known)
     final = dict(zip(last["trial"], last["normalized_score"], strict=True))
     rows = [
         [

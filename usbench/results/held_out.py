@@ -12,7 +12,6 @@ from usbench.atomic import atomic_file
 from usbench.results import scores, stats
 from usbench.results.agents import named
 from usbench.results.protocol import further
-from usbench.results.scores import SCORED
 from usbench.results.tables import DECIMALS, Results
 
 TABLE = "held_out.csv"
@@ -54,6 +53,12 @@ def candidates(known: Results) -> pd.DataFrame:
     return trials[(trials["status"] == "finished") & trials["task"].isin(MANY) & (trials["steps"] > 0)]
 
 
+def _scored(known: Results) -> pd.DataFrame:
+    """Return the finished trials of agents that learn, with their final score and the row of each."""
+    last = scores.last(known)[["trial", "normalized_score"]]
+    return named(known.trials[known.trials["steps"] > 0]).merge(last, on="trial")
+
+
 def table(known: Results, tested: pd.DataFrame) -> pd.DataFrame:
     """Return a row per noise, task (on many phantoms) and agent: a configuration where a cell has several.
 
@@ -61,9 +66,7 @@ def table(known: Results, tested: pd.DataFrame) -> pd.DataFrame:
     agents trained on one phantom, on that phantom and on unseen ones, and of agents trained on many phantoms,
     on the same unseen ones; and `gap`, `many` less `one`. NaN where nothing was tested.
     """
-    last = known.curves[known.curves["kind"] == SCORED].groupby("trial").tail(1)
-    own = named(known.trials[known.trials["steps"] > 0])
-    own = own.merge(last[["trial", "normalized_score"]], on="trial")
+    own = _scored(known)
     elsewhere = own.drop(columns=["task", "normalized_score"]).merge(tested, on="trial")
     parts = {
         "seen": own[own["trial"].isin(elsewhere["trial"])].assign(task=lambda rows: rows["task"].map(MANY)),
@@ -78,9 +81,7 @@ def by_task(known: Results, tested: pd.DataFrame) -> pd.DataFrame:
 
     It is over all noises and seeds that were tested.
     """
-    last = known.curves[known.curves["kind"] == SCORED].groupby("trial").tail(1)
-    own = named(known.trials[known.trials["steps"] > 0])
-    own = own.merge(last[["trial", "normalized_score"]], on="trial")
+    own = _scored(known)
     both = own.merge(tested[["trial", "normalized_score"]], on="trial", suffixes=("", "_elsewhere"))
     rows = [
         {

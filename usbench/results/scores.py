@@ -127,13 +127,18 @@ def _cells(results: Results) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns)
 
 
-def matrices(results: Results, kind: str = SCORED) -> tuple[dict[str, stats.Array], dict[str, str]]:
+def last(results: Results) -> pd.DataFrame:
+    """Return the last evaluation with greedy actions of every trial that has one, a row each."""
+    return results.curves[results.curves["kind"] == SCORED].groupby("trial").tail(1)
+
+
+def matrices(results: Results) -> tuple[dict[str, stats.Array], dict[str, str]]:
     """Return the final scores `(n_seeds, n_cells)` of the agents, and why others have none: see `finals`."""
-    found, reasons = finals(results, kind)
+    found, reasons = finals(results)
     return {agent: table.to_numpy(np.float64) for agent, table in found.items()}, reasons
 
 
-def finals(results: Results, kind: str = SCORED) -> tuple[dict[str, pd.DataFrame], dict[str, str]]:
+def finals(results: Results) -> tuple[dict[str, pd.DataFrame], dict[str, str]]:
     """Return the final scores of the agents, a row per seed and a column per cell, and why others have none.
 
     Cells are those of agents that are ranked, in order. The seeds of an agent are those that are finished in
@@ -148,8 +153,7 @@ def finals(results: Results, kind: str = SCORED) -> tuple[dict[str, pd.DataFrame
         }
     own = trials[ranked(trials)]
     wanted = cells_of(own if len(own) else trials)
-    final = results.curves[results.curves["kind"] == kind].groupby("trial").tail(1)
-    final = trials.merge(final[["trial", "normalized_score"]], on="trial")
+    final = trials.merge(last(results)[["trial", "normalized_score"]], on="trial")
     found: dict[str, pd.DataFrame] = {}
     reasons: dict[str, str] = {}
     for agent in sorted(set(trials["agent"])):
@@ -178,13 +182,13 @@ def finals_of_learners(results: Results) -> dict[str, pd.DataFrame]:
     return {agent: table for agent, table in finals(results)[0].items() if agent in own}
 
 
-def learning_curves(results: Results, kind: str = SCORED) -> pd.DataFrame:
+def learning_curves(results: Results) -> pd.DataFrame:
     """Return the `score` over seeds with its interval at every evaluation point, a row for each.
 
     `minutes` is the mean time of training up to there, if each step takes as long as any other: a trial
     records the time of all its training. Trainings only: an agent that does not learn has no curve.
     """
-    table = results.curves[results.curves["kind"] == kind].merge(named(results.trials), on="trial")
+    table = results.curves[results.curves["kind"] == SCORED].merge(named(results.trials), on="trial")
     table = table.assign(minutes=table["training_s"] / 60 * table["step"] / table["steps"].clip(lower=1))
     keys = [*CELL, "agent", "step"]
     rows = []
