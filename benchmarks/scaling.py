@@ -24,7 +24,7 @@ from rich.table import Table
 
 from usbench import records
 from usbench.compare import dask_cluster
-from usbench.trials import runner
+from usbench.trials import configuration
 
 WARM_UP = 20
 
@@ -54,7 +54,7 @@ def leave(size: int, config: records.TrialConfig, out: Path, progress: Any) -> N
 
 def cost(workers: dask_cluster.Cluster, n_trials: int, trial: Callable[..., None]) -> tuple[float, float]:
     """Return seconds per trial, and the CPU seconds per trial of scheduler and client."""
-    first = runner.resolve("stay", "pp")
+    first = configuration.resolve("stay", "pp")
     configs = [dataclasses.replace(first, seed=seed) for seed in range(n_trials)]
     with tempfile.TemporaryDirectory() as out:
         wait([workers.submit(trial, config, Path(out, "warm")) for config in configs[:WARM_UP]])

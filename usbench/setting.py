@@ -38,6 +38,8 @@ from usbench.records import MAX_FRAMES, ConfigurationError, Frames, TrialConfig
 
 TRUE_REWARD = "normalized"
 TRAINED_ON = (TRUE_REWARD, IMAGE)
+# What decides how images look: in other images than those of its training, an agent's actions mean nothing.
+LOOKS = ("anatomy", "probe", "imaging")
 Report = Callable[[int, int], None]
 T = TypeVar("T")
 # Fields of phantom, probe and imaging that are younger than trials which are kept: records leave them out
@@ -143,6 +145,10 @@ class Setting:
         reward = {} if self.reward == TRUE_REWARD else {"reward": self.reward}
         senses = {"senses": list(self.senses)} if self.senses else {}
         return {"id": self.row.env_id, **scene, **own, **reward, **senses}
+
+    def differences(self, other: Setting) -> list[str]:
+        """Return which of `LOOKS` are otherwise in another setting."""
+        return [name for name in LOOKS if getattr(self, name) != getattr(other, name)]
 
     @property
     def row(self) -> suite.Task:

@@ -72,6 +72,11 @@ def test_steps_that_are_not_learned_from_are_told(algo, steps, said):
     assert trial_output.not_learned(config) == said
 
 
+def test_a_class_of_another_module_collects_its_steps_in_every_environment():
+    config = resolve("stable_baselines3:PPO", "pp", steps=16_064, n_envs=8)
+    assert trial_output.not_learned(config).endswith("the first update comes after 16384 (n_steps).")
+
+
 def test_a_line_in_a_pipe_says_how_long_the_training_goes_on(monkeypatch, capsys):
     clock = iter([100.0, 130.0, 400.0])
     monkeypatch.setattr(trial_output.time, "monotonic", lambda: next(clock))

@@ -70,6 +70,12 @@ def test_who_plays_in_turn_scores_as_is_known(place):
         assert f"| {number} | {agent} | 10 | {mean:.2f} | {anchors.score(mean):.3f} |" in text
 
 
+def test_the_card_names_the_command_that_makes_the_data_set_again(place):
+    _, folder = minari_files.write("pp", "mixed", 2, noise=0.5, seed=3)
+    command = "usbench dataset --task pp --agent mixed --episodes 2 --noise 0.5 --seed 3\n"
+    assert command in (folder / minari_files.CARD).read_text()
+
+
 def test_the_same_arguments_give_the_same_episodes_and_another_seed_gives_others(place, tmp_path):
     sets = []
     for number, seed in enumerate((1, 1, 2)):

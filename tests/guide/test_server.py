@@ -250,6 +250,30 @@ def test_work_that_fails_late_says_why(quick, monkeypatch, tmp_path):
         assert json.loads(press(url, "begin")[1])["message"] == ""
 
 
+def test_a_disk_that_is_full_is_told_and_the_guide_goes_on(quick, monkeypatch, tmp_path):
+    monkeypatch.setattr(examination, "frame_store", guidance.frame_store)
+
+    def refuse(self, action):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Session, "act", refuse)
+    with serving(lambda tell: Session(tmp_path, seed=0, tell=tell)) as url:
+        status, answer = press(url, "act", {"action": 1})
+        assert (status, json.loads(answer)["error"]) == (500, "OSError: [Errno 28] No space left on device")
+        assert press(url, "begin")[0] == 200
+
+
+def test_a_state_that_cannot_be_shown_leaves_no_page_busy(quick, monkeypatch, tmp_path):
+    monkeypatch.setattr(examination, "frame_store", guidance.frame_store)
+    with serving(lambda tell: Session(tmp_path, seed=0, tell=tell)) as url:
+        settled(url)
+        with monkeypatch.context() as broken:
+            broken.setattr(Session, "state", lambda self: {}["gone"])
+            assert press(url, "begin")[0] == 500
+        status, answer = ask(url + "update", {})
+        assert (status, json.loads(answer)["busy"]) == (200, "")
+
+
 def test_frames_of_the_next_actions_are_simulated_while_nobody_asks(quick, monkeypatch, tmp_path):
     shown = []
 

@@ -162,6 +162,22 @@ def test_records_that_are_not_what_was_written_are_refused(tmp_path):
         records.load(tmp_path)
 
 
+@pytest.mark.parametrize("changed", [{"return": None}, {"return": "high"}, {"checkpoint": "last"}, {}])
+def test_a_line_without_a_number_that_is_needed_is_refused(tmp_path, changed):
+    folder = trial(tmp_path)
+    with Journal(folder / records.EVALUATIONS) as journal:
+        journal.append([{**evaluation(2).as_row(), **changed} if changed else {}])
+    with pytest.raises(ValueError, match=r"evaluations.jsonl is damaged: a line of it has no number '"):
+        Trial.read(folder).evaluations()
+
+
+def test_a_last_evaluation_without_such_actions_is_refused(tmp_path):
+    last = Trial.read(trial(tmp_path))
+    assert len(last.last_evaluation(deterministic=False)) == 2
+    with pytest.raises(ValueError, match="has no episodes with greedy actions"):
+        last.last_evaluation(deterministic=True)
+
+
 def test_means_count_the_plane_error_modulo_half_a_turn():
     rows = pd.DataFrame([evaluation(sine=sine).as_row() for sine in (0.5, -0.5, 1.0, 0.0)])
     means = records.means(rows)

@@ -64,3 +64,11 @@ def test_seeds_of_known_trials_and_of_agents_that_do_not_learn_are_free():
     known = made(trial("vpg", 0.5, seed=0))
     addition = additions.add(known, made(trial("vpg", 0.5, seed=0), trial("oracle", 1.0, seed=0)))
     assert addition.same == [known.trials["trial"][0]] and len(addition.results.trials) == 2
+
+
+def test_an_unfinished_trial_has_nothing_to_verify():
+    known = made(trial("vpg", seed=100))
+    for added in (made(trial("vpg", seed=100, status="interrupted")), made(trial("ppo", status="running"))):
+        assert additions.add(known, added).new(added) == []
+    added = made(trial("vpg", 0.6, seed=100), trial("ppo", seed=101))
+    assert additions.add(known, added).new(added) == list(added.trials["trial"])

@@ -90,3 +90,19 @@ def test_a_single_trial_with_other_settings_leaves_the_papers_agent_in_the_verdi
     grid = [*seeds("vpg", [0.5, 0.51, 0.52]), *seeds("ppo", [0.9, 0.91, 0.92])]
     text = verdict.text(made(*grid, other(trial="mine")))
     assert "`vpg`" in text and "lacks finished trials" not in text
+
+
+@pytest.mark.parametrize("steps", [16_064, 32_128])
+def test_a_buffer_that_holds_the_whole_budget_is_the_tables(steps):
+    """`resolve` fills it in so; trials with the table's settings keep the name, however many others are."""
+    task = "fp" if steps == 16_064 else "exam"
+    row = zoo.ZOO["dqn"]
+    own = {**row.hyperparameters, **row.tasks.get(task, {})}
+    own = {"environment": "e", **own, "buffer_size": max(own["buffer_size"], steps)}
+    rows = [
+        trial(
+            "dqn", seed=seed, task=task, steps=steps, settings=json.dumps(own | changed), configuration=name
+        )
+        for seed, (changed, name) in enumerate([({}, "1"), ({"gamma": 0.5}, "2"), ({"gamma": 0.5}, "2")])
+    ]
+    assert names(*rows) == ["dqn", "dqn gamma=0.5", "dqn gamma=0.5"]

@@ -60,6 +60,24 @@ def test_who_has_a_teacher_is_shown_as_a_ceiling_and_ranked_nowhere():
     assert answer == compared and "`ppo` has the highest score" in answer[0]
 
 
+def test_rows_with_a_trial_that_is_not_verified_say_so_and_no_others_do():
+    taught = seeds("distilled", [0.97] * 5)
+    others = [
+        row for algo in ("vpg", "ppo") for noise in (0.0, 0.25) for row in seeds(algo, [0.5] * 5, noise=noise)
+    ]
+    wrong = [taught[0]["trial"], others[0]["trial"]]
+    text = leaderboard.markdown(made(*others, *taught), unverified=[*wrong, "of another table"])
+    together, first, second = (
+        text.split(f"## {name}")[1].split("\n## ")[0]
+        for name in ("All cells", "fp, noise 0\n", "fp, noise 0.25")
+    )
+    for part, marked in ((together, True), (first, True), (second, False)):
+        assert ("| `vpg` (not verified) |" in part) == marked and "| `ppo` |" in part
+    assert "| `distilled` (ceiling, not ranked, not verified) |" in first
+    assert text.count("(not verified)") == 2
+    assert text.rstrip().endswith(f"(`usbench submit`): `{wrong[0]}`, `{wrong[1]}`.")
+
+
 def test_numbers_of_a_row():
     text = leaderboard.markdown(made(*seeds("vpg", [0.5, 0.5])))
     row = lines(text.split("## fp, noise 0")[1], "| `vpg`")[0]

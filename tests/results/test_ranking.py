@@ -39,7 +39,7 @@ def test_variance_that_is_common_to_the_cells_of_a_seed():
 
 
 def test_one_seed_or_one_cell_has_no_such_share():
-    for scores_of in ({"a": np.ones((1, 6))}, {"a": np.array(LOW)}, {"a": np.ones((5, 6))}, {}):
+    for scores_of in ({"a": np.ones((1, 6))}, {"a": np.array(LOW)}, {"a": np.full((5, 6), 0.8502)}, {}):
         assert np.isnan(ranking.common_to_seeds(scores_of))
 
 

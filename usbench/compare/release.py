@@ -89,21 +89,22 @@ def _score(trial: Trial) -> float:
 
 def _write(trial: Trial, folder: Path, name: str, same: Sequence[Trial]) -> Path:
     """Write the released agent of a trial into `folder`; `same` are all trials of its task."""
+    # Before what there was is removed: the trial may be no longer there, or be that very folder.
+    policy = load_agent(trial.folder).agent.policy
+    arrays = {key: tensor.numpy() for key, tensor in policy.state_dict().items() if TARGET_NETWORK not in key}
+    lines = (trial.folder / records.EVALUATIONS).read_text().splitlines(keepends=True)
+    scores = [(one.config.algo, one.config.seed, _score(one)) for one in same]
     if folder.exists():
         shutil.rmtree(folder)
     folder.mkdir(parents=True)
-    policy = load_agent(trial.folder).agent.policy
-    arrays = {key: tensor.numpy() for key, tensor in policy.state_dict().items() if TARGET_NETWORK not in key}
     with atomic_file(folder / records.WEIGHTS) as file:
         np.savez(file, **arrays)
     last = f'"checkpoint": {trial.config.steps}, '
-    lines = (trial.folder / records.EVALUATIONS).read_text().splitlines(keepends=True)
     with atomic_file(folder / records.EVALUATIONS) as file:
         file.write("".join(line for line in lines if last in line).encode())
     # The machine says nothing of the agent.
     own = replace(trial, folder=folder, platform="", checksums=checksums.of(folder, (records.EVALUATIONS,)))
     own.write()
-    scores = [(one.config.algo, one.config.seed, _score(one)) for one in same]
     with atomic_file(folder / released.CARD) as file:
         weights = checksums.of(folder, (records.WEIGHTS,))[records.WEIGHTS]
         file.write(model_card.text(trial, name, scores, weights).encode())

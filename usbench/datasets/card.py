@@ -7,7 +7,7 @@ import numpy as np
 
 from usbench import released
 from usbench.anchors import Anchors
-from usbench.datasets.episodes import BEST, MIXED, PARTS, Played
+from usbench.datasets.episodes import BEST, Played
 from usbench.records import Trial
 from usbench.setting import Setting
 
@@ -22,11 +22,16 @@ def description(setting: Setting, who: Sequence[str]) -> str:
 
 
 def text(
-    name: str, setting: Setting, anchors: Anchors, played: Sequence[Played], seed: int, size_bytes: int
+    name: str,
+    setting: Setting,
+    agent: str,
+    anchors: Anchors,
+    played: Sequence[Played],
+    seed: int,
+    size_bytes: int,
 ) -> str:
-    """Return the card as Markdown; `seed` is that from which the episodes' seeds were drawn."""
+    """Return the card as Markdown; `agent` and `seed` are those that `minari_files.write` was given."""
     who = list(dict.fromkeys(episode.agent for episode in played))
-    agent = MIXED if tuple(who) == PARTS else who[0]
     noise = f" --noise {setting.noise:g}" if setting.noise else ""
     options = f"--task {setting.task} --agent {agent} --episodes {len(played)}{noise} --seed {seed}"
     n_steps = sum(len(episode.actions) for episode in played)

@@ -102,10 +102,11 @@ def open_agent(name: str, setting: Setting, seed: int) -> tuple[Any, int]:
         )
     loaded = load_agent(f"{BEST}:{setting.task}" if name == BEST else released.place(name))
     recorded = Setting.recorded(loaded.config)
-    if (recorded.task, recorded.probe, recorded.imaging) != (setting.task, setting.probe, setting.imaging):
+    if recorded.task != setting.task or recorded.differences(setting):
+        others = "".join(f", with another {one}" for one in recorded.differences(setting))
         raise ConfigurationError(
-            f"the agent {name!r} was trained on {recorded.task!r}, or with another probe or imaging: the "
-            f"data set is of {setting.task!r} as it is."
+            f"the agent {name!r} was trained on {recorded.task!r}{others}: the data set is of "
+            f"{setting.task!r} as it is."
         )
     if recorded.senses != setting.senses:
         raise ConfigurationError(

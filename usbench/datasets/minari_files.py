@@ -78,7 +78,7 @@ def write(
         tell("writing the data set")
         anchors = setting.anchors()
         _create(name, played, setting, anchors)
-    text = card.text(name, setting, anchors, played, seed, size_bytes(folder))
+    text = card.text(name, setting, agent, anchors, played, seed, size_bytes(folder))
     with atomic_file(folder / CARD) as file:
         file.write(text.encode())
     return name, folder

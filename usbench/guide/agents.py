@@ -19,8 +19,6 @@ from usbench.watch.advice import Adviser
 from usbench.watch.moment import Advice
 
 ORACLE = "oracle"
-# What decides how images look: in other images than those of its training, an agent's advice means nothing.
-SEEN = ("anatomy", "probe", "imaging")
 
 
 class ExactAdviser:
@@ -68,10 +66,6 @@ class Known:
         """The task on which the agent was trained."""
         return self.setting.task
 
-    def differences(self, setting: Setting) -> list[str]:
-        """Return which of `SEEN` the agent was trained with otherwise than in `setting`."""
-        return [name for name in SEEN if getattr(self.setting, name) != getattr(setting, name)]
-
 
 def find(runs: Path) -> list[Known]:
     """Return the trials in `runs` that left a model, by name, then the agents that come with the package.
@@ -115,7 +109,7 @@ def open_trial(trial: Known, setting: Setting) -> Opened:
         ConfigurationError: If it does not fit `setting` or cannot be opened; one sentence says why.
     """
     check_task_of_agent(trial.name, trial.task, setting.task)
-    if others := trial.differences(setting):
+    if others := trial.setting.differences(setting):
         raise ConfigurationError(
             f"This model does not fit: {trial.name} was trained with another {' and another '.join(others)}."
         )
@@ -143,7 +137,7 @@ def _known(folder: Path) -> Known | None:
         setting = Setting.recorded(config)
         own = f"{released.name_of(folder)}: " if folder.parent == released.FOLDER else ""
         label = f"{own}{config.algo}, seed {config.seed}, noise {config.noise:g}"
-    except (ValueError, TypeError, KeyError, OSError):
+    except (ValueError, TypeError, KeyError, ArithmeticError, OSError):
         return None
     label += "" if score is None else f", score {score:.2f}"
     return Known(folder, setting, label, score)

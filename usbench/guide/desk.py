@@ -83,8 +83,7 @@ class Desk:
         self._n_asked -= 1
         while (asked := self._next(session)) is not None:
             work, job = asked
-            refusal = _error(work, session)
-            self._show(session, refusal)
+            refusal = self._error(work, session)
             self._n_asked -= 1
             if refusal is None:
                 job.set_result(None)
@@ -104,16 +103,21 @@ class Desk:
                 pass
         return self._jobs.get()
 
+    def _error(self, work: Work, session: Session) -> Exception | None:
+        """Do `work` and show the session; return their error, None if there was none."""
+        error = _raised(lambda: work(session))
+        return _raised(lambda: self._show(session, error)) or error
+
     def _show(self, session: Session, error: Exception | None = None) -> None:
         """Show the session; why its last work failed takes the place of its message."""
         told = {} if error is None or isinstance(error, Stale) else {"message": str(error)}
         self._shown = session.state() | told
 
 
-def _error(work: Work, session: Session) -> Exception | None:
-    """Do `work`; return its error, None if there was none."""
+def _raised(call: Callable[[], None]) -> Exception | None:
+    """Return the error of a call, None if there was none."""
     try:
-        work(session)
+        call()
     except Exception as error:
         return error
     return None

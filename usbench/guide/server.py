@@ -85,7 +85,7 @@ def application(desk: Desk, token: str) -> Starlette:
         if isinstance(error, ValueError | TypeError | OverflowError):
             raise Refused(400, str(error)) from error
         if error is not None:
-            raise error
+            return _answer({"error": f"{type(error).__name__}: {error}"}, 500)
         return _answer(desk.state())
 
     async def state(request: Request) -> Response:

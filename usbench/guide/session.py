@@ -243,7 +243,12 @@ class Session:
         if any(trial.task == task for trial in self._trials.values()):
             return ""
         others = sorted(
-            {one for trial in self._others if trial.task == task for one in trial.differences(self.setting)}
+            {
+                one
+                for trial in self._others
+                if trial.task == task
+                for one in trial.setting.differences(self.setting)
+            }
         )
         if others:
             return (
@@ -256,8 +261,8 @@ class Session:
         """Look for trials: those whose agents can be chosen here, and those that met other images."""
         self._tell(f"looking for agents in {self._runs}")
         known = guide_agents.find(self._runs)
-        fitting = [one for one in known if one.task in self.tasks and not one.differences(self.setting)]
-        self._others = [one for one in known if one.differences(self.setting)]
+        self._others = [one for one in known if one.setting.differences(self.setting)]
+        fitting = [one for one in known if one.task in self.tasks and one not in self._others]
         given = [] if self._given is None else [self._given]
         self._trials: dict[str, Known] = {trial.name: trial for trial in (*fitting, *given)}
 

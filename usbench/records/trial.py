@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 import numpy as np
 import pandas as pd
 from annotated_types import Ge, Lt
+from pandas.api.types import is_numeric_dtype
 from pydantic import ConfigDict, Field, StringConstraints, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
@@ -28,6 +29,11 @@ STRICT = ConfigDict(
 
 Count = Annotated[int, Ge(0), Lt(2**53)]
 Means = Mapping[str, float]
+# Of each line of a record file; what reads the records computes with these.
+NUMBERS = {
+    EPISODES: ("step", "return"),
+    EVALUATIONS: ("step", "return", "checkpoint", "deterministic", "eval_episode"),
+}
 # None that leads elsewhere.
 RecordFile = Annotated[str, StringConstraints(pattern=r"^(episodes|evaluations)\.jsonl$")]
 
@@ -166,19 +172,26 @@ class Trial:
         """Return the episodes of the last evaluation, with greedy actions if `deterministic`, else sampled.
 
         Raises:
-            ValueError: If the trial has no evaluations, or their file is damaged.
+            ValueError: If the trial has no such evaluation, or their file is damaged.
         """
         rows = self.evaluations()
         if rows.empty:
             raise ValueError(f"{self.folder} has no evaluations.")
-        return rows[
-            (rows["checkpoint"] == rows["checkpoint"].max()) & (rows["deterministic"] == deterministic)
-        ]
+        last = rows[rows["checkpoint"] == rows["checkpoint"].max()]
+        if deterministic not in set(last["deterministic"]):
+            kind = "greedy" if deterministic else "sampled"
+            raise ValueError(f"the last evaluation of {self.folder} has no episodes with {kind} actions.")
+        return last[last["deterministic"] == deterministic]
 
     def _table(self, name: str) -> pd.DataFrame:
         check(self.folder, self.checksums)
         rows = pd.DataFrame(read_rows(self.folder / name))
-        return rows if rows.empty else rows.assign(normalized_score=self.anchors.score(rows["return"]))
+        if not len(rows):
+            return rows
+        for key in NUMBERS[name]:
+            if key not in rows or not is_numeric_dtype(rows[key]) or rows[key].isna().any():
+                raise ValueError(f"{self.folder / name} is damaged: a line of it has no number {key!r}.")
+        return rows.assign(normalized_score=self.anchors.score(rows["return"]))
 
 
 _ADAPTER = TypeAdapter(Trial)

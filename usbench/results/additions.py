@@ -1,6 +1,5 @@
 """Trials that are added to the tables of a leaderboard: which may be, and what becomes of known ones."""
 
-import re
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,8 +37,9 @@ class Addition:
     apart: dict[str, str]
 
     def new(self, added: Results) -> list[str]:
-        """Return the names of those trials in `added` that the tables had not, or with other numbers."""
-        return [name for name in added.trials["trial"] if name not in self.same]
+        """Return the names of those finished trials in `added` that are new, or have other numbers."""
+        finished = added.trials.loc[added.trials["status"] == "finished", "trial"]
+        return [name for name in finished if name not in self.same]
 
 
 def add(known: Results, added: Results) -> Addition:
@@ -119,17 +119,17 @@ def mark_unverified(folder: Path, checked: Collection[str], wrong: Collection[st
             file.write("".join(f"{name}\n" for name in names).encode())
 
 
-def marked(text: str, known: Results, names: Collection[str]) -> str:
-    """Return a leaderboard in which every row with one of the trials `names` says that it is not verified."""
-    own = _named(known.trials)
-    own = own[own["trial"].isin(list(names))].drop_duplicates("trial")
-    for agent in sorted(set(own["agent"])):
-        shown = code(agent)
-        text = re.sub(rf"^\| {re.escape(shown)} \|", f"| {shown} ({MARK}) |", text, flags=re.MULTILINE)
-    if own.empty:
-        return text
-    listed = ", ".join(map(code, sorted(own["trial"])))
+def holders(trials: pd.DataFrame, names: Collection[str]) -> set[str]:
+    """Return those rows of a table, with these trials, that hold one of the trials `names`."""
+    if not names:
+        return set()
+    own = agents.named(trials)
+    return set(own.loc[own["trial"].isin(names), "agent"])
+
+
+def meaning(names: Collection[str]) -> str:
+    """Return in a sentence what it means that the trials `names` are not verified."""
     return (
-        f"{text}\nRows that are {MARK} hold trials whose recorded actions do not give their recorded "
-        f"returns, or which could not be checked (`usbench submit`): {listed}.\n"
+        f"Rows that are {MARK} hold trials whose recorded actions do not give their recorded returns, or "
+        f"which could not be checked (`usbench submit`): {', '.join(map(code, sorted(names)))}."
     )

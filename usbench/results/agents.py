@@ -65,9 +65,12 @@ def _alike(trial: pd.Series) -> int:
         return 0
     settings = json.loads(trial["settings"])
     wanted = {**row.hyperparameters, **row.tasks.get(trial["task"], {})}
+    steps = row_of(trial["task"]).steps
+    if "buffer_size" in wanted:  # as `configuration.resolve` fills it in
+        wanted["buffer_size"] = max(wanted["buffer_size"], steps)
     same = all(settings.get(name) == value for name, value in wanted.items())
     as_usual = n_frames(trial["settings"]) == TrialConfig.n_frames
-    whole = trial["steps"] == row_of(trial["task"]).steps
+    whole = trial["steps"] == steps
     return int(same) + int(whole) + int(as_usual)
 
 

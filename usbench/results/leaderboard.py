@@ -1,6 +1,6 @@
 """Results in, `leaderboard.md` and `scores.csv` out: same results, same bytes."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 import pandas as pd
@@ -93,15 +93,12 @@ def write(folder: Path, path: Path) -> list[Path]:
     path.parent.mkdir(parents=True, exist_ok=True)
     table = scores.cells(known).round(tables.DECIMALS).to_csv(index=False, lineterminator="\n")
     written = {
-        path: additions.marked(
-            markdown(
-                known,
-                held_out.read(folder),
-                studies.read(folder),
-                tuning.read(folder),
-                _figures(folder, path),
-            ),
+        path: markdown(
             known,
+            held_out.read(folder),
+            studies.read(folder),
+            tuning.read(folder),
+            _figures(folder, path),
             additions.unverified(folder),
         ),
         path.with_name(SCORES): table,
@@ -118,23 +115,26 @@ def markdown(
     studied: pd.DataFrame | None = None,
     searched: pd.DataFrame | None = None,
     figures: Sequence[str] = (),
+    unverified: Collection[str] = (),
 ) -> str:
     """Return the leaderboard as Markdown.
 
     The others are what `held_out`, `studies` and `tuning` read, None where there is nothing; `figures` are
-    links to pictures.
+    links to pictures, `unverified` names of trials: rows that hold one say so.
     """
+    doubted = set(unverified) & set(known.trials["trial"])
     reading = text.folded("How to read the numbers", f"{READING}\n{MEASURES}")
     parts, notes = ["# Leaderboard", verdict.text(known, tested), *figures, reading], []
     for name, own in scores.parts(known).items():
-        parts += together.sections(own, name, ranking.improvement(scores.learners(own)))
+        parts += together.sections(own, name, ranking.improvement(scores.learners(own)), doubted)
         notes += [
             f"{text.code(agent)} is not in the table of {name}: {why}."
             for agent, why in sorted(scores.matrices(own)[1].items())
         ]
     rows = scores.cells(known)
     for name, own in further.split(known).items():
-        parts += _cells(own, rows[rows["table"] == name], "" if name == further.GRID else f": {name}")
+        where = "" if name == further.GRID else f": {name}"
+        parts += _cells(own, rows[rows["table"] == name], where, doubted)
         in_table = "" if name == further.GRID else f"In {name}: "
         notes += [f"{in_table}{note}" for note in provenance.notes(own.trials)]
     unseen = pd.DataFrame() if tested is None else held_out.table(further.first(known), tested)
@@ -148,6 +148,8 @@ def markdown(
     if notes:
         listed = "\n".join(f"* {note}" for note in notes)
         parts += ["## Notes", text.folded(f"Notes ({len(notes)})", listed)]
+    if doubted:
+        parts.append(additions.meaning(doubted))
     return "\n\n".join(parts) + "\n"
 
 
@@ -165,15 +167,16 @@ def _studies(studied: pd.DataFrame) -> str:
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
-def _cells(own: Results, rows: pd.DataFrame, where: str) -> list[str]:
+def _cells(own: Results, rows: pd.DataFrame, where: str, doubted: set[str]) -> list[str]:
     """Return the sections of a table's cells."""
-    trials_of = dict(iter(own.trials.groupby(CELL)))
     settings = dict(own.trials[["configuration", "settings"]].itertuples(index=False, name=None))
-    return [
-        part
-        for cell, own_rows in rows.groupby(CELL)
-        for part in (f"## {Cell(*cell).name}{where}", _anchors(trials_of[cell]), _cell(own_rows, settings))
-    ]
+    trials_of = dict(iter(own.trials.groupby(CELL)))
+    parts = []
+    for cell, own_rows in rows.groupby(CELL):
+        doubtful = additions.holders(own.trials, doubted & set(trials_of[cell]["trial"]))
+        heading = f"## {Cell(*cell).name}{where}"
+        parts += [heading, _anchors(trials_of[cell]), _cell(own_rows, settings, doubtful)]
+    return parts
 
 
 def _anchors(trials: pd.DataFrame) -> str:
@@ -192,10 +195,10 @@ def _anchors(trials: pd.DataFrame) -> str:
     )
 
 
-def _cell(rows: pd.DataFrame, settings: Mapping[str, str]) -> str:
+def _cell(rows: pd.DataFrame, settings: Mapping[str, str], doubtful: Collection[str]) -> str:
     """Return the table of one task and noise: those that are ranked first, then the others, best first.
 
-    `settings` are those of each configuration.
+    `settings` are those of each configuration, `doubtful` the agents that hold a trial that is not verified.
     """
     differing = (rows["table"] == unseen.NAME).any()
     sampled = rows[rows["actions"] == SAMPLED].set_index(ROW)
@@ -208,7 +211,7 @@ def _cell(rows: pd.DataFrame, settings: Mapping[str, str]) -> str:
         other = sampled.loc[tuple(row[name] for name in ROW)]
         lines.append(
             [
-                text.agent(row["agent"], row["note"]),
+                text.agent(row["agent"], row["note"], additions.MARK if row["agent"] in doubtful else ""),
                 f"{row['seeds']}/{row['seeds_asked']}",
                 text.interval(row["score"], row["score_low"], row["score_high"]),
                 text.interval(other["score"], other["score_low"], other["score_high"]),

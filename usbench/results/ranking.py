@@ -56,8 +56,8 @@ def common_to_seeds(scores: Mapping[str, stats.Array]) -> float:
     """
     between, within = [], []
     for matrix in scores.values():
-        spread = matrix.std(axis=0)
-        rows = ((matrix - matrix.mean(axis=0)) / np.where(spread > 0, spread, 1.0))[:, spread > 0]
+        differing = matrix[:, np.ptp(matrix, axis=0) > 0]
+        rows = (differing - differing.mean(axis=0)) / differing.std(axis=0)
         n_seeds, n_cells = rows.shape
         if n_seeds < 2 or n_cells < 2:
             continue

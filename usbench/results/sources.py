@@ -1,18 +1,17 @@
 """Results from several sources at once: folders of trials, single trials, folders of tables."""
 
+import functools
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-import pandas as pd
-
 from usbench import records
 from usbench.records import ConfigurationError
-from usbench.results import published, tables
+from usbench.results import additions, published, tables
 from usbench.results.tables import Results
 
 
 def gather(paths: Sequence[Path], damaged: Callable[[str], None] | None = None) -> Results:
-    """Return the results of all trials in `paths`, each once.
+    """Return the results of all trials in `paths`, each once: the last that is finished.
 
     Args:
         paths: Folders of trials, single trials, or folders of tables that `tables.write` wrote; "published",
@@ -26,7 +25,7 @@ def gather(paths: Sequence[Path], damaged: Callable[[str], None] | None = None) 
     chosen: dict[Path, set[str] | None] = {}  # folder of trials -> names of trials, None for all
     found = []
     try:
-        for path in (_place(path) for path in paths):
+        for path in (place(path) for path in paths):
             if (path / tables.TRIALS).exists():
                 found.append(tables.read(path))
             elif (path / records.TRIAL).exists():
@@ -38,18 +37,19 @@ def gather(paths: Sequence[Path], damaged: Callable[[str], None] | None = None) 
         found += [_only(tables.collect(folder, damaged=damaged), names) for folder, names in chosen.items()]
     except (FileNotFoundError, ValueError) as error:
         raise ConfigurationError(str(error)) from error
-    for folder in (folder for folder, names in chosen.items() if names is None and damaged is not None):
-        for other in records.without_record(folder):
-            damaged(f"{other} has no {records.TRIAL}.")
-    trials = pd.concat([results.trials for results in found], ignore_index=True)
-    curves = pd.concat([results.curves for results in found], ignore_index=True)
-    return Results(
-        trials.drop_duplicates("trial", ignore_index=True),
-        curves.drop_duplicates(["trial", "kind", "step"], ignore_index=True),
-    )
+    if damaged is not None:
+        for folder in (folder for folder, names in chosen.items() if names is None):
+            for other in records.without_record(folder):
+                damaged(f"{other} has no {records.TRIAL}.")
+    return functools.reduce(additions.joined, found)
 
 
-def _place(path: Path) -> Path:
+def place(path: Path) -> Path:
+    """Return the folder of one of the paths that `gather` takes.
+
+    Raises:
+        FileNotFoundError: If there is none.
+    """
     own = path == Path(published.NAME) and not path.exists()
     return published.folder() if own else records.existing(path).resolve()
 

@@ -48,9 +48,18 @@ def write(known: pd.DataFrame, folder: Path) -> None:
 
 
 def read(folder: Path) -> pd.DataFrame:
-    """Return the table that `write` wrote, without rows if there is none."""
+    """Return the table that `write` wrote, without rows if there is none.
+
+    Raises:
+        ValueError: If it lacks a column.
+    """
     path = folder / TABLE
-    return pd.read_csv(path) if path.is_file() else pd.DataFrame(columns=list(COLUMNS))
+    if not path.is_file():
+        return pd.DataFrame(columns=list(COLUMNS))
+    known = pd.read_csv(path)
+    if missing := [name for name in COLUMNS if name not in known]:
+        raise ValueError(f"{path} is damaged: it has no column {missing[0]!r}.")
+    return known
 
 
 def texts(known: pd.DataFrame) -> list[list[str]]:

@@ -37,9 +37,10 @@ def code(name: str) -> str:
     return f"<code>{''.join(c if c.isalnum() or c in PLAIN else f'&#{ord(c)};' for c in name)}</code>"
 
 
-def agent(name: str, note: str = "") -> str:
-    """Return the name of an agent in a table, with what is said of it."""
-    return f"{code(name)} ({note})" if note else code(name)
+def agent(name: str, *notes: str) -> str:
+    """Return the name of an agent in a table, with what is said of it; empty notes say nothing."""
+    said = ", ".join(filter(None, notes))
+    return f"{code(name)} ({said})" if said else code(name)
 
 
 def names(agents: Sequence[str]) -> str:

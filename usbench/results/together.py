@@ -1,24 +1,25 @@
 """The sections of the leaderboard that are about all cells together, as Markdown."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 import pandas as pd
 
-from usbench.results import ranking, scores, stats
+from usbench.results import additions, ranking, scores, stats
 from usbench.results.agents import named
 from usbench.results.protocol import further
 from usbench.results.tables import Results
 from usbench.results.text import DASH, agent, bounds, capital, code, folded, interval, number, pairs_of, table
 
 
-def sections(own: Results, name: str, pairs: pd.DataFrame) -> list[str]:
+def sections(own: Results, name: str, pairs: pd.DataFrame, doubted: Collection[str] = ()) -> list[str]:
     """Return the sections of one part of the results, each with its heading.
 
     Args:
         own: The results of the part.
         name: What the part is called, one of those of `scores.parts`.
         pairs: What `ranking.improvement` gives for its learning agents.
+        doubted: Names of trials that are not verified.
     """
     matrices, _ = scores.matrices(own)
     learners = scores.finals_of_learners(own)
@@ -26,9 +27,9 @@ def sections(own: Results, name: str, pairs: pd.DataFrame) -> list[str]:
     found = []
     if name in further.names():
         found += [f"## Further table: {name}", further.describe(name)]
-        found += [overall(own.trials, matrices)] if learners else []
+        found += [overall(own.trials, matrices, doubted)] if learners else []
     elif matrices:
-        found += [f"## {capital(name)} together", overall(own.trials, matrices)]
+        found += [f"## {capital(name)} together", overall(own.trials, matrices, doubted)]
     if len(learners) > 1:
         found += [
             f"## Probability of improvement{where}",
@@ -41,8 +42,9 @@ def sections(own: Results, name: str, pairs: pd.DataFrame) -> list[str]:
     return found
 
 
-def overall(trials: pd.DataFrame, matrices: Mapping[str, stats.Array]) -> str:
+def overall(trials: pd.DataFrame, matrices: Mapping[str, stats.Array], doubted: Collection[str] = ()) -> str:
     """Return the table of all cells together: those that are ranked first, then the others, best first."""
+    doubtful = additions.holders(trials, doubted)
     common = ranking.common_to_seeds(matrices)
     known = ranking.overall(matrices)
     notes = {
@@ -55,7 +57,7 @@ def overall(trials: pd.DataFrame, matrices: Mapping[str, stats.Array]) -> str:
     known = known.sort_values("beside", kind="stable")
     rows = [
         [
-            agent(row.agent, row.note),
+            agent(row.agent, row.note, additions.MARK if row.agent in doubtful else ""),
             f"{row.seeds}/{row.asked}",
             interval(row.score, row.score_low, row.score_high),
             bounds(row.whole_low, row.whole_high),
