@@ -18,7 +18,7 @@ from usbench.results import held_out, scores, tables, verdict
 from usbench.results.agents import named
 from usbench.results.scores import Cell
 from usbench.results.tables import GREEDY, TRAINING, TRAINING_PARTS, Results
-from usbench.results.text import interval, table
+from usbench.results.text import DASH, interval, table
 
 TOP = Path(__file__).parents[1]
 COMMITTED, PAGE = TOP / "leaderboard_files", TOP / "docs" / "paper.md"
@@ -105,18 +105,25 @@ def noise(known: Results) -> Sentence:
     each = change(known, "return")
     rise = (each["last"] - each["first"]).groupby([each["task"], each["noise"]]).mean().unstack()
     share = rise.div(rise[0.0], axis=0)
-    strongest = share[share.columns.max()]
+    most = max(share.dropna(axis=1))  # of the noises with which both tasks are trained
+    strongest = share[most]
     flatter, more = bool((strongest < 1).all()), bool(strongest["pp"] < strongest["fp"])
     holds = HOLDS if flatter and more else PARTLY if flatter or more else FAILS
     rows = [
-        [f"`{task}`", *(f"{rise.loc[task, p]:.2f} ({100 * share.loc[task, p]:.0f} %)" for p in rise.columns)]
+        [
+            f"`{task}`",
+            *(
+                DASH if pd.isna(own) else f"{own:.2f} ({100 * share.loc[task, p]:.0f} %)"
+                for p, own in rise.loc[task].items()
+            ),
+        ]
         for task in rise.index
     ]
     return Sentence(
         "Increasing the likelihood of noise impacts the trend of a learning curve, especially for the PP "
         "task",
         "The rise of the return of training episodes, from the first to the last tenth, is smaller with most "
-        f"noise (here {share.columns.max():g}) than without on both tasks, and loses more on `pp`.",
+        f"noise (here {most:g}) than without on both tasks, and loses more on `pp`.",
         holds,
         table(["task", *(f"rise at noise {p:g}" for p in rise.columns)], rows),
     )
