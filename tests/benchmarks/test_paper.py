@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-import paper
 import pandas as pd
+import paper
 
 from usbench.results import tables
 
