@@ -10,6 +10,7 @@ import pytest
 from PIL import Image
 
 from usbench import tasks
+from usbench.trials.configuration import resolve
 
 ROOT = Path(__file__).parents[1]
 PAGES = [
@@ -184,3 +185,20 @@ def test_every_trained_agent_has_its_card_on_the_site_and_a_link_to_it():
     for card in CARDS:
         place = card.relative_to(ROOT).as_posix()
         assert f"```{{include}} ../{place}\n" in shown and f"(../{place})" in linked
+
+
+def test_trial_folders_that_pages_and_help_name_are_those_of_today():
+    """Settings of a row may change; then the same command makes a trial of another name."""
+    texts = [*PAGES, *sorted((ROOT / "usbench" / "cli").rglob("*.py"))]
+    named = {
+        (*found.groups(), path.name)
+        for path in texts
+        for found in re.finditer(
+            r"runs/(([a-z-]+)-p0-(\w+)-s(\d+)-[0-9a-f]{8})", path.read_text(encoding="utf-8")
+        )
+    }
+    assert {"tutorial.md", "watch.py"} <= {name for *_, name in named}
+    for folder, task, algo, seed, _ in named:
+        # The whole budget, and that of the tutorial.
+        trials = [resolve(algo, task, seed=int(seed), steps=steps) for steps in (None, 2048)]
+        assert folder in [trial.folder_name for trial in trials]

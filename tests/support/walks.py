@@ -1,4 +1,4 @@
-"""Short walks through every environment with an id that ends with -v0, and what was recorded of them.
+"""Short walks through every version of every environment, and what was recorded of them.
 
 `python tests/support/walks.py` prints how far the walks of this machine are from the record. `--write` adds
 those of ids that are new; the others are frozen. `--table` prints the table of docs/versions.md.
@@ -16,7 +16,7 @@ import numpy as np
 
 from usbench import tasks
 
-RECORD = Path(__file__).parents[1] / "reference" / "walks_v0.npz"
+RECORD = Path(__file__).parents[1] / "reference" / "walks.npz"
 # Options of the reset and actions. Some foci are short: there beams are the most complex.
 WALKS = {
     "FocalPoint-v0": ({"x_mm": -20, "focal_depth_mm": 5}, (0, 2, 2, 4)),
@@ -29,6 +29,7 @@ WALKS = {
     "ExaminationRandom-v0": ({"focal_depth_mm": 10}, (2, 6, 3, 5)),
     "ExaminationTracked-v0": ({"focal_depth_mm": 50}, (1, 6, 6, 5)),
     "ImagingSetup-v0": ({"focal_depth_mm": 50, "frequency_khz": 3000}, (6, 0, 5, 4)),
+    "ImagingSetup-v1": ({"focal_depth_mm": 50, "frequency_khz": 3000}, (6, 0, 5, 4)),
 }
 LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "opencv-python-headless")
 KINDS = ("frames", "states", "rewards", "ends", "senses")
@@ -92,8 +93,8 @@ def was_recorded_here():
 
 
 def ids():
-    """Return the ids of this package that end with -v0, without its name."""
-    return [row.env_id.partition("/")[2] for row in tasks.BUILT_IN.values() if row.env_id.endswith("-v0")]
+    """Return the ids of this package, without its name."""
+    return [row.env_id.partition("/")[2] for row in tasks.BUILT_IN.values()]
 
 
 def main():

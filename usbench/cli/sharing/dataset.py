@@ -13,7 +13,7 @@ EXAMPLES = """examples:
   usbench dataset --task pp --agent best --episodes 1000
       minari.load_dataset("usbench/pp/best-v0") opens it
   usbench dataset --task fp --agent mixed --episodes 300 --noise 0.25 --out data
-  usbench dataset --task pp --agent runs/pp-p0-dqn-s0-45801275 --episodes 100
+  usbench dataset --task pp --agent runs/pp-p0-dqn-s0-0fee56f0 --episodes 100
 """
 
 
