@@ -43,9 +43,9 @@ def text(task: str, anchors: Anchors) -> str:
         "end": ("when the agent stops, at the latest" if guidance.stops else "truncated")
         + f" after {guidance.n_steps} steps",
         "arguments": ", ".join(f"`{name}={value!r}`" for name, value in arguments(type(env)).items()),
-        "return of the optimum": f"{anchors.optimal:.4f} (score 1)",
-        "return of the random agent": f"{anchors.random:.4f} (score 0)",
-        "return of the idle agent": f"{anchors.stay:.4f} (score {anchors.score(anchors.stay):.3f})",
+        "return of the optimum, noise 0": f"{anchors.optimal:.4f} (score 1)",
+        "return of the random agent, noise 0": f"{anchors.random:.4f} (score 0)",
+        "return of the idle agent, noise 0": f"{anchors.stay:.4f} (score {anchors.score(anchors.stay):.3f})",
         "ceiling of what an agent is told": largest(task),
         "training budget": f"{setting.row.steps:,} steps".replace(",", " "),
         "evaluation": f"{len(setting.evaluation_episodes())} episodes",

@@ -132,7 +132,7 @@ class ImagingSetupEnv(GuidanceEnv):
     ## Rewards
     The contrast-to-noise ratio of cyst and tissue beside it, of the frame after the action and before the
     noise: |m_i - m_o| / sqrt(s_i^2 + s_o^2), with mean and standard deviation of the displayed grey levels
-    (Patterson and Foster 1983). The only kind is `"normalized"`, by the noise.
+    (Patterson and Foster 1983). The only kind is `"normalized"`: divided by the spread of the grey levels.
 
     ## Episode End
     Truncated after 16 steps, never terminated. Starts: every combination of the settings;

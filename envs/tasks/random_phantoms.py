@@ -236,7 +236,7 @@ class ProbePlaneTrackedEnv(ProbePlaneRandomEnv):
     ## Description
     The task of `ProbePlaneRandomEnv`, and the agent is told where its probe is and how it is turned, as
     trackers tell it in practice. One frame of that task is the frame of four poses that need opposite
-    actions; beside its heading it nearly tells which one.
+    actions; together with the probe's heading, it nearly tells which one of them.
 
     ## Action Space
     As in `ProbePlaneRandomEnv`.

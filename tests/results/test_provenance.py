@@ -147,6 +147,5 @@ def test_seeds_that_are_not_kept_for_comparisons_are_said():
     trials = [trial("vpg", seed=seed) for seed in (0, 1000, 100)] + [trial("oracle", seed=5)]
     assert provenance.notes(made(*trials).trials) == [
         "These seeds are not kept for comparisons, as 100 to 999 are, so that settings may have been chosen "
-        "on them: 0, 1000. Trials with such seeds from before 2026-11-23 were made by an earlier version, "
-        "which no command above repeats, and have wall times in place of CPU times."
+        "on them: 0, 1000."
     ]

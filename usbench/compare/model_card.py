@@ -15,6 +15,7 @@ from usbench import records, seed_pools
 from usbench.agents.zoo import entry
 from usbench.records import Trial, TrialConfig
 from usbench.results import held_out, published, tables
+from usbench.results import scores as results
 from usbench.results.text import in_lines
 from usbench.setting import Setting
 from usbench.trials.configuration import resolve
@@ -100,15 +101,30 @@ def _choice(trial: Trial, scores: Sequence[tuple[str, int, float]]) -> str:
     pool = seed_pools.own().of(seed) or "no"
     others = sorted(scores, key=lambda row: (-row[2], row[0], row[1]))
     if len(others) == 1:
-        return f"It is the only trial that there was, of seed {seed} (of the pool for {pool})."
+        return f"It was chosen from no others: seed {seed} (of the pool for {pool})."
     return (
         f"It is the trial of seed {seed} (of the pool for {pool}) with the highest score, of the "
         f"{len(scores)} trials below. A score by which an agent was chosen is higher than what its "
-        "algorithm reaches on average, which the leaderboard says.\n\n"
+        f"algorithm reaches on average.{_others_again(trial.config.task, scores)}\n\n"
         + _table(
             ("algorithm", "seed", "score"),
             [(f"`{algo}`", str(seed), f"{score:.3f}") for algo, seed, score in others],
         )
+    )
+
+
+def _others_again(task: str, listed: Sequence[tuple[str, int, float]]) -> str:
+    """Return a sentence where the leaderboard's trials of these seeds have other scores than those listed."""
+    known = tables.read(published.folder())
+    own = known.trials[(known.trials["task"] == task) & (known.trials["noise"] == 0)]
+    final = own.merge(results.last(known)[["trial", "normalized_score"]], on="trial")
+    there = {(row.algo, row.seed): row.normalized_score for row in final.itertuples()}
+    n_other = sum(abs(there.get((algo, seed), score) - score) > SAME for algo, seed, score in listed)
+    if not n_other:
+        return ""
+    return (
+        f" In the leaderboard {n_other} of them {'has' if n_other == 1 else 'have'} another score: they "
+        "were trained again for this choice, on another kind of processor."
     )
 
 

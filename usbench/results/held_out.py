@@ -76,6 +76,13 @@ def table(known: Results, tested: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(_rows(parts), columns=[*KEYS, *_columns(parts), "gap"])
 
 
+def not_tested(known: Results, tested: pd.DataFrame) -> list[scores.Cell]:
+    """Return the cells with agents that learned on one phantom, none of which was tested elsewhere."""
+    own = known.trials[(known.trials["steps"] > 0) & known.trials["task"].isin(MANY)]
+    there = scores.cells_of(own[own["trial"].isin(tested["trial"])])
+    return [cell for cell in scores.cells_of(own) if cell not in there]
+
+
 def by_task(known: Results, tested: pd.DataFrame) -> pd.DataFrame:
     """Return a row per task on one phantom and agent: its IQM `there`, and `elsewhere` on unseen phantoms.
 

@@ -44,19 +44,22 @@ Tables of single cells have the score with greedy and with sampled actions, the 
 `{SCORES}` has distance, plane error, steps to goal, area under the curve and training time, too."""
 
 READING = """\
-The normalised score is (return - random) / (optimal - random), with exact anchors: 0 is a random agent, 1
-the optimum. It is the interquartile mean (IQM) over seeds after the last training step, with the 95 %
+The normalised score is (return - random) / (optimal - random), with exact anchors: 0 is a random agent,
+1 the optimum. It is the interquartile mean (IQM) over seeds after the last training step, with the 95 %
 stratified bootstrap interval; such intervals are too narrow with few seeds (docs/comparison.md says how
-much). All agents meet the same evaluation episodes with the same draws of noise, and the intervals are for
-these: the optimum is that of all draws, and the row of the oracle says what it reaches in them. Every
-agent takes its most probable action ("greedy"): value-based agents have no other policy of their own, and
-advice should be the best there is. The score with sampled actions stands beside it, where there are
-probabilities to draw from. Other columns are means over seeds and evaluation episodes, so that a single
-collapsed seed shows there rather than in the score. The plane error is counted modulo 180 degrees; success
-means that the last pose is the goal (in `setup`, that the cyst's contrast-to-noise ratio is at least 2);
-an episode that never reaches the goal counts with all the steps it could have had in "steps to goal". The
-area under the learning curve is the mean score over training, by the trapezoid rule. Training time is CPU
-time. A dash stands where a column says nothing about a task."""
+much). All agents meet the same evaluation episodes with the same draws of noise, and the intervals are
+for these. Scores 0 and 1 are expected returns over all draws of noise; in those of these episodes the
+optimum gets the score of the row `oracle`, which is not always 1, and the random agent that of the row
+`random`, so that an agent can have a higher score than the oracle. Every agent takes its most probable
+action ("greedy"): value-based agents have no other policy of their own, and advice should be the best
+there is. The score with sampled actions stands beside it, where there are probabilities to draw from.
+Other columns are means over seeds and evaluation episodes, so that a single collapsed seed shows there
+rather than in the score. The plane error is counted modulo 180 degrees; success means that the last pose
+is the goal (in `setup`, that the cyst's contrast-to-noise ratio is at least 2); an episode that never
+reaches the goal counts with all the steps it could have had in "steps to goal". The area under the
+learning curve is the mean score over training, by the trapezoid rule. The optimality gap is the mean of
+what scores lack to 1, where more than 1 counts as 1. Training time is CPU time. A dash stands where a
+column says nothing about a task."""
 
 
 def files(path: Path) -> Path:
@@ -138,13 +141,18 @@ def markdown(
         in_table = "" if name == further.GRID else f"In {name}: "
         notes += [f"{in_table}{note}" for note in provenance.notes(own.trials)]
     unseen = pd.DataFrame() if tested is None else held_out.table(further.first(known), tested)
+    made = []
     if not unseen.empty:
         parts += ["## Phantoms never seen", _unseen(unseen)]
+        missing = held_out.not_tested(further.first(known), tested)
+        notes += [f"Agents of {cell.name} were not tested on phantoms never seen." for cell in missing]
+        made.append("usbench transfer")
     if studied is not None and not studied.empty:
         parts += ["## People", studies.READING, _studies(studied)]
     if searched is not None and not searched.empty:
         parts += ["## How hard each is to tune", tuning.section(searched)]
-    parts += ["## How this was made", provenance.making(known.trials)]
+        made.append("usbench leaderboard --search search")
+    parts += ["## How this was made", provenance.making(known.trials, made)]
     if notes:
         listed = "\n".join(f"* {note}" for note in notes)
         parts += ["## Notes", text.folded(f"Notes ({len(notes)})", listed)]
@@ -242,10 +250,11 @@ def _unseen(table: pd.DataFrame) -> str:
         ]
         for row in table.to_dict("records")
     ]
-    head = ["agent", "cell", "one: there", "one: never seen", "many: never seen", "gap", "seeds"]
+    head = ["agent", "cell", "one: its own", "one: never seen", "many: never seen", "gap", "seeds"]
     return (
-        "Scores (IQM) with greedy actions of agents that were trained on one phantom or on many: those of "
-        "one there, and both on the same phantoms that none of them has met. The gap is what training on "
-        "many brings there; where the task with many has other starts (pp), it holds what these bring, too. "
-        "Written by `usbench transfer`.\n\n" + text.table(head, rows)
+        "Scores (IQM, greedy actions). An agent that was trained on one phantom is tested on that phantom "
+        "and on phantoms never seen; agents that were trained on many phantoms, where there are any, are "
+        "tested on the same phantoms never seen. The gap is the difference of the last two. `pp-random` also "
+        "has other starts than `pp`, which is a part of it. Written by `usbench transfer`.\n\n"
+        + text.table(head, rows)
     )

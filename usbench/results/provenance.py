@@ -2,6 +2,7 @@
 
 import json
 from collections import defaultdict
+from collections.abc import Sequence
 
 import pandas as pd
 
@@ -22,13 +23,17 @@ STATUS_WORDS = {
 }
 
 
-def making(trials: pd.DataFrame) -> str:
-    """Return the command, how many trials are finished, the hours and the versions, as Markdown."""
+def making(trials: pd.DataFrame, besides: Sequence[str] = ()) -> str:
+    """Return the commands, how many trials are finished, the hours and the versions, as Markdown.
+
+    The commands `besides` make what is on the page beside the trials.
+    """
     finished = trials[trials["status"] == "finished"]
     hours, training = (finished[key].sum() / 3600 for key in ("total_s", "training_s"))
     lines = [line for name, own in further.tables_of(trials).items() for line in _commands_of(name, own)]
     if len(lines) > 1:
         lines.append("usbench leaderboard --runs runs")
+    lines += besides if lines else []
     parts = ["\n".join(["```", *map(in_lines, lines), "```"])] if lines else []
     parts.append(
         f"{len(finished)} of {len(trials)} trials are finished. One after another they took {hours:.2f} "
@@ -175,8 +180,7 @@ def _pools(trials: pd.DataFrame) -> list[str]:
         return []
     return [
         f"These seeds are not kept for comparisons, as {pool} are, so that settings may have been chosen on "
-        f"them: {', '.join(map(str, others))}. Trials with such seeds from before 2026-11-23 were made by "
-        "an earlier version, which no command above repeats, and have wall times in place of CPU times."
+        f"them: {', '.join(map(str, others))}."
     ]
 
 

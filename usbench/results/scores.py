@@ -14,7 +14,7 @@ import pandas as pd
 from usbench.ceilings import taught
 from usbench.results import stats
 from usbench.results.agents import named
-from usbench.results.protocol import further
+from usbench.results.protocol import further, unseen
 from usbench.results.tables import EXPLORATION, GREEDY, MEANS, SAMPLED, TRAINING, Results
 from usbench.tasks import PAPER
 
@@ -199,8 +199,12 @@ def learning_curves(results: Results) -> pd.DataFrame:
 
 
 def seeds_asked(trials: pd.DataFrame) -> int:
-    """Return how many seeds the ranked algorithms were to have, from all trials of their own rows."""
+    """Return how many seeds the ranked algorithms were to have, from all trials of their own rows.
+
+    Of those with new phantoms and a budget for that, which are of no protocol, none was to have any: 0.
+    """
     own = named(trials)
+    own = own[[not unseen.has(*one) for one in zip(own["task"], own["steps"], strict=True)]]
     return int(own.loc[ranked(own) & (own["agent"] == own["algo"]), "seed"].nunique())
 
 

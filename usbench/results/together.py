@@ -53,7 +53,7 @@ def overall(trials: pd.DataFrame, matrices: Mapping[str, stats.Array], doubted: 
     }
     known = known.assign(note=known["agent"].map(notes))
     known["beside"] = known["note"] != ""
-    known["asked"] = np.where(known["beside"], known["seeds"], scores.seeds_asked(trials))
+    known["asked"] = np.maximum(known["seeds"], np.where(known["beside"], 0, scores.seeds_asked(trials)))
     known = known.sort_values("beside", kind="stable")
     rows = [
         [

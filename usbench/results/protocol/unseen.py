@@ -17,12 +17,12 @@ from usbench.tasks import row_of
 NAME = "unseen-phantoms"
 STEPS = 100_000
 ABOUT = (
-    "Agents that learn on new phantoms in every episode and are tested on phantoms never seen, with the "
-    "100 000 training steps that such tasks ask for, or another number beyond the grid's budget. Agents "
-    "may see any number of frames, and may be told what their task tells and their own last actions: the "
-    "tables of the cells say what each is told, and the ceiling, the score of the best policy that is told "
-    "the same and remembers everything (≤: that of a policy that is told more). Never averaged with the "
-    "grid; not of the protocol."
+    "Agents that learn on new phantoms in every episode and are tested on phantoms never seen: with any "
+    "number of steps on tasks whose budget is 100 000, and with more than the task's budget on "
+    "`fp-random` and `pp-random`. Agents may see any number of frames, and may be told what their task tells "
+    "and their own last actions: the tables of the cells say what each is told, and the ceiling, the "
+    "score of the best policy that is told the same and remembers everything (≤: that of a policy that is "
+    "told more). Never averaged with the grid; not of the protocol."
 )
 COLUMNS = ("ceiling", "told", "frames", "steps")
 NOTHING = "nothing"
