@@ -1,8 +1,8 @@
 """The trained agents that come with the package, by name: "best:pp", and "vpg:pp" for the paper's agent.
 
 Each is the folder of a trial in small: `trial.json`, the episodes of its last evaluation, the weights as
-plain arrays (`weights.npz`, which no code is needed to read) and `card.md`, its model card. All that takes
-the folder of a trial takes a name too.
+plain arrays (`weights.npz`, which no code is needed to read) and `card.md`, its model card. `usbench watch`,
+`guide` and `dataset`, and `load_agent`, take a name as they take the folder of a trial.
 """
 
 import re

@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import protocols
 import pytest
+import torch
 import trials
 
 from usbench import records
@@ -195,14 +196,21 @@ def test_training_that_diverged_is_recorded_and_its_candidate_comes_last(quick, 
     assert {one[1] for one in scored(tmp_path) if one[0] == 1} == {0, 2}
 
 
-def test_trial_that_the_machine_failed_is_tried_again(quick, rules, tmp_path, monkeypatch):
+def no_space(*_):
+    raise OSError(28, "No space left on device")
+
+
+def no_memory(*_):
+    torch.empty(1 << 52)
+
+
+@pytest.mark.parametrize(
+    ("fail", "said"), [(no_space, "No space left"), (no_memory, "can't allocate memory")]
+)
+def test_trial_that_the_machine_failed_is_tried_again(quick, rules, tmp_path, monkeypatch, fail, said):
     with monkeypatch.context() as full:
-
-        def fail(*_):
-            raise OSError(28, "No space left on device")
-
         full.setattr(runner._Run, "_train_and_evaluate", fail)
-        with pytest.raises(RuntimeError, match="6 of 6 trials failed.*No space left.*tries them again"):
+        with pytest.raises(RuntimeError, match=f"6 of 6 trials failed.*{said}.*tries them again"):
             run(rules, tmp_path)
     assert not (tmp_path / "search").exists()
     assert len(scored(tmp_path)) == 10 if run(rules, tmp_path) else None

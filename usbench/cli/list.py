@@ -46,7 +46,9 @@ def _everything() -> list[Table]:
     from usbench.agents.plugins import registered
     from usbench.agents.zoo import ZOO
 
-    tasks = _table("tasks: usbench list TASK shows actions and Gymnasium id", "task", "training steps", "title")
+    tasks = _table(
+        "tasks: usbench list TASK shows actions and Gymnasium id", "task", "training steps", "title"
+    )
     for name, task in suite.TASKS.items():
         tasks.add_row(name, str(task.steps), task.guidance.title)
     algorithms = _table(

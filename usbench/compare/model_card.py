@@ -4,7 +4,7 @@ Its parts follow Mitchell et al., "Model Cards for Model Reporting" (2019): what
 what, how it was evaluated, how it was trained, and what it cannot do.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +16,7 @@ from usbench.agents.zoo import entry
 from usbench.records import Trial, TrialConfig
 from usbench.results import held_out, published, tables
 from usbench.results import scores as results
-from usbench.results.text import in_lines
+from usbench.results.text import in_lines, table
 from usbench.setting import Setting
 from usbench.trials.configuration import resolve
 
@@ -62,7 +62,7 @@ def _what(trial: Trial, setting: Setting, name: str) -> str:
     }
     guide = f", `usbench guide {name}` lets it advise a person," if setting.row.is_guided else ""
     used = f'`usbench watch {name}` shows it{guide} and `usbench.load_agent("{name}")` returns it.'
-    return f"{_table(('', ''), rows.items())}\n\n{used}"
+    return f"{table(('', ''), rows.items(), 2)}\n\n{used}"
 
 
 def _evaluation(trial: Trial, setting: Setting, greedy: pd.DataFrame) -> str:
@@ -82,7 +82,7 @@ def _evaluation(trial: Trial, setting: Setting, greedy: pd.DataFrame) -> str:
         f"{len(greedy)} evaluation episodes on {where}, greedy actions; in brackets the 95 % bootstrap "
         "interval over these episodes, whose starts differ in what can be reached from them. The last pose "
         f"is the goal in {100 * means['success_rate']:.0f} % of the episodes.\n\n"
-        + _table(("", "return", "score"), rows)
+        + table(("", "return", "score"), rows, 3)
     )
 
 
@@ -106,9 +106,10 @@ def _choice(trial: Trial, scores: Sequence[tuple[str, int, float]]) -> str:
         f"It is the trial of seed {seed} (of the pool for {pool}) with the highest score, of the "
         f"{len(scores)} trials below. A score by which an agent was chosen is higher than what its "
         f"algorithm reaches on average.{_others_again(trial.config.task, scores)}\n\n"
-        + _table(
+        + table(
             ("algorithm", "seed", "score"),
             [(f"`{algo}`", str(seed), f"{score:.3f}") for algo, seed, score in others],
+            3,
         )
     )
 
@@ -139,7 +140,7 @@ def _training(trial: Trial) -> str:
         f"{config.steps} steps without noise, {minutes:.1f} minutes on one core:\n\n"
         f"```\n{in_lines(' '.join(['usbench run', *options(config)]))}\n```\n\n"
         f"Hyperparameters: {settings}. Versions: {versions}.\n\nThe learning curve, greedy actions:\n\n"
-        + _table(("step", "score"), [(str(step), f"{score:.3f}") for step, score in curve.items()])
+        + table(("step", "score"), [(str(step), f"{score:.3f}") for step, score in curve.items()], 2)
         + _again(trial, float(curve.iloc[-1]))
     )
 
@@ -213,16 +214,12 @@ def _unseen(trial: Trial) -> str:
 
 def _digests(trial: Trial, weights: str) -> str:
     frames = trial.frames.digest if trial.frames else "none"
-    return _table(
+    return table(
         ("", "SHA-256"),
         [
             ("frames of the evaluation", f"`{frames}`"),
             ("weights", f"`{weights}`"),
             ("trial", f"`{trial.name}`"),
         ],
+        2,
     )
-
-
-def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)

@@ -17,8 +17,9 @@ from usbench.compare.protocol import Protocol
 from usbench.records import ConfigurationError, Trial, TrialConfig
 from usbench.records.journal import Journal, cut_torn_line, read_rows
 
-# What a training that diverges fails with; anything else is the machine's.
+# What a training that diverges fails with; anything else is the machine's, as memory is that PyTorch lacks.
 DIVERGED = ("ValueError", "RuntimeError", "FloatingPointError")
+NO_MEMORY = "allocate memory"
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,7 @@ class SearchRecord:
         if trial.status == "finished":
             last = trial.last_evaluation(deterministic=True)
             score = round(float(last["normalized_score"].mean()), 6)
-        elif not str(trial.reason).startswith(DIVERGED):
+        elif not str(trial.reason).startswith(DIVERGED) or NO_MEMORY in str(trial.reason):
             return False
         one = {
             **vars(place),

@@ -134,7 +134,7 @@ class Session:
         """Train an agent for this task and noise in the background.
 
         Raises:
-            ConfigurationError: If anatomy, probe or imaging is not the default.
+            ConfigurationError: If anatomy, probe or imaging is not the default, or a study is played.
         """
         self._no_study("a training")
         self.training.start(self.setting)

@@ -14,8 +14,8 @@ from usbench.records import Trial
 from usbench.results import scores, studies
 from usbench.results.agents import named
 from usbench.results.tables import Results
+from usbench.results.text import DASH
 
-DASH = "–"
 # Columns of `episode_ends.shares` and what they mean.
 ENDINGS = {
     "success": "at the goal",

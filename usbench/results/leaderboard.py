@@ -148,7 +148,7 @@ def markdown(
         notes += [f"Agents of {cell.name} were not tested on phantoms never seen." for cell in missing]
         made.append("usbench transfer")
     if studied is not None and not studied.empty:
-        parts += ["## People", studies.READING, _studies(studied)]
+        parts += ["## People", studies.READING, text.table(studies.HEAD, studies.texts(studied), words=4)]
     if searched is not None and not searched.empty:
         parts += ["## How hard each is to tune", tuning.section(searched)]
         made.append("usbench leaderboard --search search")
@@ -168,11 +168,6 @@ def _figures(folder: Path, path: Path) -> list[str]:
         for name, words in FIGURES
         if (folder / f"{name}.png").is_file()
     ]
-
-
-def _studies(studied: pd.DataFrame) -> str:
-    rows = [studies.HEAD, ["---"] * 4 + ["---:"] * (len(studies.HEAD) - 4), *studies.texts(studied)]
-    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
 def _cells(own: Results, rows: pd.DataFrame, where: str, doubted: set[str]) -> list[str]:

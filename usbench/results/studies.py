@@ -13,6 +13,7 @@ from usbench.anchors import Anchors
 from usbench.atomic import atomic_file
 from usbench.records import EVALUATIONS, ConfigurationError
 from usbench.records.journal import read_rows
+from usbench.results.text import DASH
 
 STUDY, TABLE = "study.json", "studies.csv"
 HUMAN, ADVISED, AGENT, OPTIMUM = "human", "human + advice", "agent", "optimum"
@@ -69,8 +70,8 @@ def texts(known: pd.DataFrame) -> list[list[str]]:
             *(str(row["study"]), str(row["task"]), f"{row['noise']:g}", str(row["player"])),
             *(str(row["episodes"]), f"{row['return']:.2f}", f"{row['score']:.2f}"),
             f"{100 * row['success_rate']:.0f}",
-            "–" if pd.isna(row["obeyed"]) else f"{100 * row['obeyed']:.0f}",
-            "–" if pd.isna(row["seconds_per_step"]) else f"{row['seconds_per_step']:.1f}",
+            DASH if pd.isna(row["obeyed"]) else f"{100 * row['obeyed']:.0f}",
+            DASH if pd.isna(row["seconds_per_step"]) else f"{row['seconds_per_step']:.1f}",
         ]
         for row in known.to_dict("records")
     ]
