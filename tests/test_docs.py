@@ -119,7 +119,8 @@ def test_the_readme_says_the_numbers_of_the_tables():
     table = (ROOT / "leaderboard.md").read_text()
     for said, agent in re.findall(r"(\d\.\d\d)\*{0,2}<!-- (\w+) -->", words):
         shown = re.search(rf"^\| `{agent}` \| \d+/\d+ \| (\d\.\d+) ", table, re.MULTILINE)
-        assert shown and f"{float(shown[1]):.2f}" == said
+        # The table is rounded itself: 0.8748 is 0.875 there and 0.87 in words.
+        assert shown and abs(float(shown[1]) - float(said)) <= 0.005 + 1e-9
     physics = (ROOT / "docs" / "physics.md").read_text()
     speed = re.search(r"frames per second, pose to pixels, focus 50 mm\s+[│|]\s+(\d+)", physics)
     exact = re.search(r"RF correlation, focus 50 mm, 64 lines\s+[│|]\s+(\d\.\d+)", physics)
