@@ -45,7 +45,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         type=Path,
         nargs="?",
         metavar="TRIAL",
-        help="folder of a trial, or best:TASK for an agent that comes with the package "
+        help="folder of a trial, or an agent that comes with the package: best:TASK, vpg:fp, vpg:pp "
         "(default: the best of both)",
     )
     guide.add_argument(

@@ -33,7 +33,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         "trial",
         type=Path,
         metavar="TRIAL",
-        help="folder of a trial, or best:TASK for an agent that comes with the package",
+        help="folder of a trial, or an agent that comes with the package: best:TASK, vpg:fp, vpg:pp",
     )
     watch.add_argument(
         "--episode",

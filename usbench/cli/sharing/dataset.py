@@ -32,7 +32,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         required=True,
         metavar="NAME",
         help="oracle, best (the trained agent that comes with the package), random, mixed (the three in "
-        "turn), or the folder of a trial",
+        "turn), the folder of a trial, or an agent of the package by its name, such as vpg:pp",
     )
     dataset.add_argument("--episodes", type=number, default=1000, metavar="N", help="(default 1000)")
     dataset.add_argument("--noise", type=number, default=0.0, metavar="P", help="0..1 (default 0)")
