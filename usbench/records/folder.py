@@ -80,7 +80,8 @@ def trial_folders(runs: Path) -> list[Path]:
 
 def without_record(runs: Path) -> list[Path]:
     """Return the folders in `runs`, which is no trial itself, with files of a trial, but no `trial.json`."""
-    begun = {path.parent for name in (EPISODES, EVALUATIONS, MODEL) for path in runs.glob(f"*/{name}")}
+    # Studies have evaluations, too.
+    begun = {path.parent for name in (EPISODES, MODEL) for path in runs.glob(f"*/{name}")}
     return sorted(folder for folder in begun if not (folder / TRIAL).exists())
 
 
