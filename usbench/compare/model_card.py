@@ -124,8 +124,8 @@ def _others_again(task: str, listed: Sequence[tuple[str, int, float]]) -> str:
     if not n_other:
         return ""
     return (
-        f" In the leaderboard {n_other} of them {'has' if n_other == 1 else 'have'} another score: they "
-        "were trained again for this choice, on another kind of processor."
+        f" In the leaderboard {n_other} of them {'has' if n_other == 1 else 'have'} another score: a "
+        "trial that is repeated on another kind of processor rounds otherwise, and takes another course."
     )
 
 
