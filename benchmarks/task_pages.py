@@ -19,9 +19,10 @@ from usbench.ceilings import bound, ceiling
 from usbench.coordinates import BY_NAME
 from usbench.setting import Setting
 from usbench.watch import panels, replay
+from usbench.watch.film import LAST_STEP_MS, STEP_MS
 
 FOLDER = Path(__file__).parents[1] / "docs" / "environments"
-STEP_MS, LAST_STEP_MS, QUALITY = 450, 2000, 50
+QUALITY = 50
 WIDTH, STILL_WIDTH = 720, 360
 # Of a task's docstring, what the table does not say.
 SECTIONS = ("Action Space", "Observation Space", "Rewards", "Episode End", "Arguments", "Version History")

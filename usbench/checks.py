@@ -14,7 +14,10 @@ import reprlib
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pydantic import ValidationError
 
 
 class ConfigurationError(ValueError):
@@ -184,6 +187,19 @@ def unknown(what: str, name: object, allowed: Collection[str]) -> ValueError:
     return ValueError(
         f"unknown {what} {reprlib.repr(name)}{did_you_mean(name, allowed)}: allowed are {listed}."
     )
+
+
+def misfit(error: ValidationError) -> str:
+    """Return in words what of a checked file is wrong first: which part is missing, or cannot be."""
+    first = error.errors(include_url=False, include_context=False)[0]
+    where = ".".join(str(part) for part in first["loc"])
+    if first["type"] == "missing":
+        return f"it has no {where}"
+    if first["type"] == "unexpected_keyword_argument":
+        return f"{where} is not known"
+    if first["type"] == "value_error":
+        return str(first["msg"]).removeprefix("Value error, ")
+    return f"its {where} cannot be {first['input']!r:.80} ({first['msg'].lower()})"
 
 
 def _refused(name: str, value: object, allowed: str) -> str:

@@ -14,7 +14,7 @@ from pydantic.dataclasses import dataclass
 from usbench import suite
 from usbench.agents.search_space import SPACES
 from usbench.agents.zoo import entry, winners
-from usbench.checks import unknown
+from usbench.checks import misfit, unknown
 from usbench.records import ConfigurationError
 from usbench.seed_pools import PROTOCOL, STRICT, Pools, Seed
 from usbench.seed_pools import own as own_pools
@@ -144,7 +144,7 @@ def read(path: Path = PATH) -> Protocol:
         ) from error
     except ValidationError as error:
         raise ConfigurationError(
-            f"the protocol file {str(path)!r} cannot be used: {_misfit(error)}."
+            f"the protocol file {str(path)!r} cannot be used: {misfit(error)}."
         ) from None
     except ValueError as error:
         reason = str(error).removesuffix(".")
@@ -157,19 +157,6 @@ _ADAPTER = TypeAdapter(_Content)
 
 def _digest(values: dict[str, Any]) -> str:
     return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:16]
-
-
-def _misfit(error: ValidationError) -> str:
-    """Return in words what is wrong first."""
-    first = error.errors(include_url=False, include_context=False)[0]
-    where = ".".join(str(part) for part in first["loc"])
-    if first["type"] == "missing":
-        return f"it has no {where}"
-    if first["type"] == "unexpected_keyword_argument":
-        return f"{where} is not known"
-    if first["type"] == "value_error":
-        return str(first["msg"]).removeprefix("Value error, ")
-    return f"its {where} cannot be {first['input']!r:.80} ({first['msg'].lower()})"
 
 
 def _check(content: _Content) -> None:

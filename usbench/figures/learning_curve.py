@@ -8,7 +8,6 @@ from matplotlib.figure import Figure
 
 from usbench.figures import looks, style
 from usbench.records import Trial
-from usbench.results.tables import EXPLORATION
 
 LEARNING_CURVE = "learning_curve.png"
 SMOOTHING_EPISODES = 40
@@ -54,9 +53,8 @@ def draw(trial: Trial) -> Figure:
         label = f"training, mean of {SMOOTHING_EPISODES} episodes"
         axes.plot(episodes["step"], smooth, color="0.65", label=label)
     # Exploration is no policy, and no row of scores either.
-    explores = trial.explores or EXPLORATION in trial.config.hyperparameters
     for greedy, label, look in EVALUATIONS:
-        if explores and not greedy:
+        if trial.samples_to_explore and not greedy:
             continue
         returns = evaluations[evaluations["deterministic"] == greedy].groupby("step")["return"]
         mean, spread = returns.mean(), returns.std(ddof=0)

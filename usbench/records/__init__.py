@@ -27,12 +27,13 @@ from usbench.records.folder import (
     unwritable,
     without_record,
 )
-from usbench.records.trial import Frames, Trial, load, load_trials, means
+from usbench.records.trial import EXPLORATION, Frames, Trial, load, load_trials, means
 
 __all__ = [
     "CHECKPOINTS",
     "EPISODES",
     "EVALUATIONS",
+    "EXPLORATION",
     "MAX_FRAMES",
     "MODEL",
     "TENSORBOARD",

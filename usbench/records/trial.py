@@ -17,6 +17,7 @@ from pydantic.dataclasses import dataclass
 from usbench.anchors import Anchors
 from usbench.atomic import atomic_file
 from usbench.ceilings import ceiling
+from usbench.checks import misfit
 from usbench.records.checksums import KEY, check, damaged, of_state
 from usbench.records.configuration import TrialConfig
 from usbench.records.folder import EPISODES, EVALUATIONS, TRIAL, existing, no_trial, trial_folders
@@ -34,6 +35,8 @@ NUMBERS = {
     EPISODES: ("step", "return"),
     EVALUATIONS: ("step", "return", "checkpoint", "deterministic", "eval_episode"),
 }
+# The hyperparameter of this package's value-based agents by which they explore.
+EXPLORATION = "exploration_final_eps"
 # None that leads elsewhere.
 RecordFile = Annotated[str, StringConstraints(pattern=r"^(episodes|evaluations)\.jsonl$")]
 
@@ -119,7 +122,7 @@ class Trial:
         try:
             return _ADAPTER.validate_json(json.dumps({**content, "folder": str(folder)}))
         except ValidationError as error:
-            raise ValueError(f"{path} is not a trial record: {_misfit(error)}.") from None
+            raise ValueError(f"{path} is not a trial record: {misfit(error)}.") from None
 
     @classmethod
     def read(cls, folder: Path) -> Trial:
@@ -149,6 +152,11 @@ class Trial:
     def title(self) -> str:
         """Algorithm, task, noise and seed in words."""
         return self.config.title
+
+    @property
+    def samples_to_explore(self) -> bool:
+        """Whether its agent's sampled actions are exploration, also where only a hyperparameter tells."""
+        return self.explores or EXPLORATION in self.config.hyperparameters
 
     @property
     def ceiling(self) -> float | None:
@@ -195,15 +203,6 @@ class Trial:
 
 
 _ADAPTER = TypeAdapter(Trial)
-
-
-def _misfit(error: ValidationError) -> str:
-    """Return in words what is wrong first: which part is missing, or cannot be."""
-    first = error.errors(include_url=False, include_context=False)[0]
-    where = ".".join(str(part) for part in first["loc"])
-    if first["type"] == "missing":
-        return f"it has no {where}"
-    return f"its {where} cannot be {first['input']!r:.80} ({first['msg'].lower()})"
 
 
 def load_trial(folder: str | Path) -> Trial:

@@ -12,10 +12,11 @@ import numpy as np
 import pandas as pd
 
 from usbench.ceilings import taught
+from usbench.records import EXPLORATION
 from usbench.results import stats
 from usbench.results.agents import named
 from usbench.results.protocol import further, unseen
-from usbench.results.tables import EXPLORATION, GREEDY, MEANS, SAMPLED, TRAINING, Results
+from usbench.results.tables import GREEDY, MEANS, SAMPLED, TRAINING, Results
 from usbench.tasks import PAPER
 
 SCORED = GREEDY

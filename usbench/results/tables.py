@@ -18,7 +18,7 @@ import pandas as pd
 
 from usbench import records
 from usbench.atomic import atomic_file
-from usbench.records import Trial, TrialConfig
+from usbench.records import EXPLORATION, Trial, TrialConfig
 from usbench.tasks import row_of
 
 TRIALS, CURVES = "trials.csv", "curves.csv"
@@ -26,8 +26,6 @@ ORDER = ["task", "noise", "algo", "configuration", "seed"]
 TRAINING, SAMPLED, GREEDY = "training", "drawn", "greedy"
 KINDS = (TRAINING, SAMPLED, GREEDY)
 TRAINING_PARTS = 50
-# The hyperparameter of this package's value-based agents by which they explore.
-EXPLORATION = "exploration_final_eps"
 DECIMALS = 5
 
 TRIAL_COLUMNS: Mapping[str, type] = {

@@ -132,7 +132,7 @@ def trial_table(folder: Path) -> Table:
     columns = _columns(trial)
     for column in columns:
         table.add_column(column.title, justify="right", no_wrap=True)
-    modes = {"greedy": True} if trial.explores else {"sampled": False, "greedy": True}
+    modes = {"greedy": True} if trial.samples_to_explore else {"sampled": False, "greedy": True}
     shown = {
         f"{config.algo}, {mode}": records.means(trial.last_evaluation(deterministic=greedy))
         for mode, greedy in modes.items()
@@ -155,7 +155,7 @@ def legend(folder: Path) -> list[str]:
     )
     if config.steps and config.phantom_set:
         lines.append(f"Trained on {config.phantom_set}; none of them is in the evaluation.")
-    if trial.explores:
+    if trial.samples_to_explore:
         lines.append(f"{config.algo} samples actions only to explore, so that greedy actions are shown.")
     return lines
 
