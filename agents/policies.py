@@ -4,7 +4,7 @@ from typing import Any
 
 import torch
 from gymnasium import spaces
-from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.policies import ActorCriticPolicy, BasePolicy
 from stable_baselines3.common.type_aliases import Schedule
 from torch import nn
 from torch.optim import Optimizer
@@ -43,11 +43,26 @@ class SeparatePolicy(ActorCriticPolicy):
         """Actions `(n, ...)`, values `(n, 1)` (NaN with `values_at_end`), log-probabilities `(n,)`."""
         if not self.values_at_end:
             return super().forward(obs, deterministic)
-        distribution = self.get_distribution(obs)
-        actions = distribution.get_actions(deterministic=deterministic)
-        log_prob = distribution.log_prob(actions)
-        actions = actions.reshape((-1, *self.action_space.shape))  # type: ignore[misc]
+        if isinstance(self.action_space, spaces.Discrete) and not deterministic:
+            actions, log_prob = self._drawn(obs)
+        else:
+            distribution = self.get_distribution(obs)
+            actions = distribution.get_actions(deterministic=deterministic)
+            log_prob = distribution.log_prob(actions)
+            actions = actions.reshape((-1, *self.action_space.shape))  # type: ignore[misc]
         return actions, log_prob.new_full((len(log_prob), 1), torch.nan), log_prob
+
+    def _drawn(self, obs: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Drawn actions `(n,)` and their log-probabilities `(n,)`.
+
+        They have the bits of SB3's `CategoricalDistribution`, whose checks of itself take a fifteenth of the
+        time of A2C and VPG. Values that are not finite fail here too.
+        """
+        features = BasePolicy.extract_features(self, obs, self.pi_features_extractor)
+        logits = self.action_net(self.mlp_extractor.forward_actor(features))
+        logits = logits - logits.logsumexp(-1, keepdim=True)
+        actions = torch.multinomial(logits.softmax(-1), 1, replacement=True)
+        return actions.squeeze(1), logits.gather(1, actions).squeeze(1)
 
     def value_parameters(self) -> list[nn.Parameter]:
         """The parameters that give the values."""

@@ -38,6 +38,25 @@ def test_forward_leaves_values_out_only_where_they_are_computed_afterwards():
     assert not model.policy(images)[1].isnan().any()
 
 
+@pytest.mark.parametrize("n", [1, 7])
+def test_drawn_actions_have_the_bits_of_sb3(n):
+    policy = on_policy.PPO(**CARTPOLE).policy
+    seen = torch.randn(n, 4)
+    with torch.no_grad():
+        for seed in range(20):
+            torch.manual_seed(seed)
+            actions, _, log_prob = policy(seen)
+            torch.manual_seed(seed)
+            expected, _, expected_log_prob = ActorCriticPolicy.forward(policy, seen)
+            assert torch.equal(actions, expected) and torch.equal(log_prob, expected_log_prob)
+
+
+def test_a_network_that_is_not_finite_draws_no_action():
+    policy = on_policy.PPO(**CARTPOLE).policy
+    with pytest.raises(RuntimeError, match="nan"):
+        policy(torch.full((1, 4), torch.nan))
+
+
 def test_actions_that_are_numbers_keep_their_shape():
     model = on_policy.PPO(SeparatePolicy, IdentityEnvBox(), n_steps=8, batch_size=8, seed=0, device="cpu")
     model.learn(8)
