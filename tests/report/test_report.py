@@ -116,6 +116,23 @@ def test_same_records_give_the_same_bytes_wherever_they_are(runs, tmp_path):
     assert made(runs, tmp_path) == made(trial, tmp_path)
 
 
+@pytest.mark.parametrize("beside_the_grid", [False, True])
+def test_a_further_table_has_its_sections_and_figures(runs, trial_on, tmp_path, beside_the_grid):
+    trial = trial_on("pp-tracked")
+    if beside_the_grid:
+        trial = shutil.copytree(trial, runs / trial.name).parent
+    text = made(trial, tmp_path)
+    Page(text)
+    headings = re.findall("<h3>(.*?)</h3>", text)
+    assert "Probe plane, new phantoms, tracked probe, noise 0.25: unseen-phantoms" in headings
+    assert ("Probe plane, noise 0.5" in headings) == beside_the_grid
+    assert ("Further table: unseen-phantoms" in headings) == beside_the_grid
+    captions = re.findall("<figcaption>(.*?)</figcaption>", text)
+    of_table = "Further table unseen-phantoms: Normalised score of every agent"
+    assert any(caption.startswith(of_table) for caption in captions) == beside_the_grid
+    assert any(caption.startswith("Normalised score of every agent") for caption in captions)
+
+
 def test_without_weights_there_is_a_sentence_instead_of_a_map(runs, without_figures, tmp_path):
     (trial,) = records.trial_folders(runs)
     (trial / records.MODEL).unlink()

@@ -1,6 +1,6 @@
 """Trials in, one page out: a file that works offline and has the same bytes from the same records."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ from usbench.figures import style
 from usbench.records import ConfigurationError
 from usbench.report import agents, pictures, poses, tables, text
 from usbench.results import leaderboard, scores, sources, studies, verdict
+from usbench.results.protocol import further
 from usbench.results.tables import Results
 from usbench.setting import Setting
 
@@ -80,18 +81,38 @@ def _page(content: dict[str, Any]) -> str:
 
 def _comparison(known: Results) -> dict[str, Any]:
     """Return what follows from the results alone."""
+    sections, figures = text.sections(known), pictures.compared(known)
     return {
         "verdict": text.inline(verdict.text(known)),
         "reading": leaderboard.READING,
         "n_trials": len(known.trials),
         "n_finished": int((known.trials["status"] == "finished").sum()),
-        "sections": text.sections(known),
-        "cells": [
-            (cell.name, f"{suite.TASKS[cell.task].guidance.title}, noise {cell.noise:g}")
-            for cell in scores.cells_of(known.trials)
-        ],
-        "figures": pictures.compared(known),
+        "sections": sections,
+        "cells": _cells(known, sections),
+        "figures": figures,
+        "parts": {name.removesuffix("scores"): _part(name) for name in figures if name.endswith("scores")},
     }
+
+
+def _cells(known: Results, sections: Iterable[str]) -> dict[str, str]:
+    """Return the titles of those sections that are about a cell, in their order."""
+    titles = {
+        cell.name: f"{suite.TASKS[cell.task].guidance.title}, noise {cell.noise:g}"
+        for cell in scores.cells_of(known.trials)
+    }
+    found = {}
+    for section in sections:
+        # A cell of a further table has the table's name behind its own.
+        cell, colon, table = section.partition(": ")
+        if cell in titles:
+            found[section] = f"{titles[cell]}{colon}{table}"
+    return found
+
+
+def _part(name: str) -> str:
+    """Return what captions say of the part of the results that a figure of scores is about."""
+    table = name.removesuffix("_scores")
+    return f"Further table {table}: " if table in further.names() else ""
 
 
 def _recorded(runs: Path, known: Results) -> dict[str, Any]:
