@@ -10,7 +10,7 @@ from quick_trials import speed_up
 from state_files import read_state, write_state
 from trials import SMALL
 
-from usbench import cli, records, suite
+from usbench import cli, records, released, suite
 from usbench.checks import ConfigurationError
 from usbench.compare import submission
 from usbench.records import checksums
@@ -125,6 +125,26 @@ def test_another_setting_than_the_comparisons_is_found(runs, changes, said):
     state["config"] |= changes
     write_state(folder, state)
     assert said in " ".join(submission.problems(folder))
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "said"),
+    [
+        ("best:pp-tracked", {}, None),  # told its own last actions too
+        ("best:pp-random", {}, None),  # with more than the task's budget
+        ("best:exam-tracked", {}, None),  # with fewer steps, and other frames
+        ("best:pp-random", {"senses": ["position"]}, "or senses are not those"),
+    ],
+)
+def test_on_new_phantoms_senses_and_steps_are_those_of_their_table(tmp_path, name, changes, said):
+    folder = Path(shutil.copytree(released.folder_of(name), tmp_path / "trial"))
+    state = read_state(folder)
+    state["config"]["environment"] |= changes
+    write_state(folder, state)
+    (folder / records.EPISODES).touch()  # a released agent has none
+    rewrite(folder, records.EVALUATIONS, list.clear)  # nothing to be played again, which takes minutes
+    told = " ".join(submission.problems(folder))
+    assert "budget of" not in told and (said in told if said else "senses" not in told)
 
 
 def test_a_trial_that_trained_too_long_or_never_is_found(runs):

@@ -15,8 +15,10 @@ import pandas as pd
 from usbench import records, seed_pools, suite
 from usbench.anchors import Anchors
 from usbench.checks import ConfigurationError
+from usbench.compare.own_task import is_on_its_task
 from usbench.coordinates import BY_NAME
 from usbench.records import Trial
+from usbench.results.protocol import unseen
 from usbench.setting import Setting
 
 # What a submission holds of each trial; its weights are not asked for.
@@ -111,10 +113,11 @@ def write(folders: Sequence[Path], out: Path) -> Path:
 
 def _of_configuration(trial: Trial, setting: Setting) -> list[str]:
     config, found = trial.config, []
-    own = json.loads(json.dumps(Setting(task=setting.task).record()))
-    if dict(config.environment) != own:
+    of_unseen = unseen.has(config.task, config.steps)
+    plain = json.loads(json.dumps(Setting(task=setting.task).record()))
+    if not (is_on_its_task(config) if of_unseen else dict(config.environment) == plain):
         found.append(f"its anatomy, probe, imaging, reward or senses are not those of {config.task}.")
-    if config.steps not in (0, setting.row.steps):
+    if not of_unseen and config.steps not in (0, setting.row.steps):
         found.append(
             f"it trained for {config.steps} steps: the budget of {config.task} is {setting.row.steps}."
         )
