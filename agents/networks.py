@@ -1,6 +1,6 @@
 """The convolutional trunk that every agent looks through: observations in, features out."""
 
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import torch
@@ -95,12 +95,17 @@ class Block(nn.Sequential):
         super().__init__(convolution, nn.BatchNorm2d(n_out), nn.ReLU(), nn.MaxPool2d(2))
         self.batch_statistics = batch_statistics
         self._held: tuple[torch.Tensor, torch.Tensor] | None = None
-        self._kept: tuple[list[tuple[int, int]], tuple[torch.Tensor, torch.Tensor]] | None = None
+        self._kept: tuple[list[torch.Tensor], tuple[torch.Tensor, torch.Tensor]] | None = None
 
     def train(self, mode: bool = True) -> Self:
         """As in PyTorch; an update begins or ends here, so held statistics and kept weights are dropped."""
         self._held = self._kept = None
         return super().train(mode)
+
+    def _apply(self, *args: Any, **kwargs: Any) -> Self:
+        """As in PyTorch, which moves tensors here, or gives them another type: kept weights are dropped."""
+        self._kept = None
+        return super()._apply(*args, **kwargs)
 
     def forward(self, images: torch.Tensor) -> torch.Tensor:
         """The pooled maps: layer by layer, in one step, or with batch norm folded into the convolution."""
@@ -136,20 +141,17 @@ class Block(nn.Sequential):
         return convolution.weight * scale[:, None, None, None], norm.bias - mean * scale
 
     def _weights_to_act(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """The same as `_weights`, kept from step to step until a parameter changes.
+        """The same as `_weights`, kept from step to step until a value changes from which they follow.
 
-        Networks that may have a target network keep nothing: a target network is written through `.data`,
-        which leaves no trace in the version of a tensor.
+        Values are compared, not versions of tensors: what writes through `.data`, as Stable-Baselines3 does
+        in a target network, leaves no trace in a version.
         """
-        if not self.batch_statistics:
-            return self._weights()
         convolution, norm, *_ = self
         assert isinstance(convolution, nn.Conv2d) and isinstance(norm, nn.BatchNorm2d)
         assert norm.running_mean is not None and norm.running_var is not None
         sources = convolution.weight, norm.weight, norm.bias, norm.running_mean, norm.running_var
-        state = [(tensor.data_ptr(), tensor._version) for tensor in sources]
-        if self._kept is None or self._kept[0] != state:
-            self._kept = state, self._weights()
+        if self._kept is None or not all(map(torch.equal, self._kept[0], sources)):
+            self._kept = [tensor.clone() for tensor in sources], self._weights()
         return self._kept[1]
 
 

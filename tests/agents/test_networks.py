@@ -2,11 +2,13 @@ import importlib.util
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import pytest
 import torch
+from stable_baselines3 import DQN
 from stable_baselines3.common.utils import polyak_update
 from torch import nn
 
@@ -169,6 +171,53 @@ def test_a_target_network_sees_its_updates() -> None:
     polyak_update(one.parameters(), target.parameters(), 1.0)
     with torch.no_grad():
         torch.testing.assert_close(target(images), one(images))
+
+
+class Noise(gym.Env[np.ndarray, int]):
+    """Images of noise, five actions, four steps; every step is worth 1."""
+
+    observation_space = gym.spaces.Box(-3, 3, (8, 8, 2), np.float32)
+    action_space = ACTIONS
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict]:
+        super().reset(seed=seed)
+        self.left = 4
+        return self.np_random.uniform(-3, 3, (8, 8, 2)).astype(np.float32), {}
+
+    def step(self, action: int) -> tuple[Any, float, bool, bool, dict]:
+        self.left -= 1
+        image = self.np_random.uniform(-3, 3, (8, 8, 2)).astype(np.float32)
+        return image, 1.0, False, self.left == 0, {}
+
+
+def test_the_target_of_a_dqn_with_batch_statistics_is_not_frozen() -> None:
+    network = {"features_extractor_class": ConvTrunk, "net_arch": []}
+    model = DQN(
+        "MlpPolicy",
+        Noise(),
+        policy_kwargs=network,
+        buffer_size=64,
+        learning_starts=8,
+        batch_size=8,
+        target_update_interval=4,
+        learning_rate=1e-2,
+        seed=0,
+        device="cpu",
+    ).learn(40)
+    images = torch.randn(3, 8, 8, 2)
+    target = model.q_net_target.features_extractor
+    without_cache = ConvTrunk(Noise.observation_space).eval()
+    without_cache.load_state_dict(target.state_dict())
+    with torch.no_grad():
+        torch.testing.assert_close(target(images), without_cache(images), rtol=0, atol=0)
+
+
+def test_kept_weights_follow_a_network_that_gets_another_type() -> None:
+    block, images = Block(4, 16).eval(), torch.randn(3, 4, 6, 6)
+    with torch.no_grad():
+        before = block(images)
+        found = block.double()(images.double())
+    torch.testing.assert_close(found, before.double(), rtol=1e-4, atol=1e-5)
 
 
 def test_second_derivatives_exist() -> None:
