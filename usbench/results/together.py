@@ -73,8 +73,7 @@ def overall(trials: pd.DataFrame, matrices: Mapping[str, stats.Array], doubted: 
         f"Scores over {title}, of the seeds that are finished in all of them. The score with its interval is "
         "the primary figure; seeds are resampled within each cell. For the interval with whole seeds, the "
         f"same seeds are drawn for all cells, since a seed has the same starts in each."
-        f"{_quarters(n_cells)}{_seeds(matrices)}\n\n"
-        + table(head, rows)
+        f"{_quarters(n_cells)}{_seeds(matrices)}\n\n" + table(head, rows)
     )
 
 
@@ -83,8 +82,8 @@ def _quarters(n_cells: int) -> str:
     if n_cells == 1:
         return ""
     return (
-        " The score leaves out the lowest and the highest quarter of an agent's scores in all cells together, "
-        "so that a cell in which it always does badly, or always well, may not count at all; in the "
+        " The score leaves out the lowest and the highest quarter of an agent's scores in all cells "
+        "together, so that a cell in which it always does badly, or always well, may not count at all; in the "
         f"{CELLS} every cell counts alike."
     )
 
