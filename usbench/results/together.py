@@ -83,8 +83,8 @@ def _quarters(n_cells: int) -> str:
         return ""
     return (
         " The score leaves out the lowest and the highest quarter of an agent's scores in all cells "
-        "together, so that a cell in which it always does badly, or always well, may not count at all; in the "
-        f"{CELLS} every cell counts alike."
+        "together, so that a cell in which it always does badly, or always well, may not count at all; in "
+        f"the {CELLS} every cell counts alike."
     )
 
 
