@@ -2,8 +2,11 @@
 
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import paper
+import pytest
+from made_tables import made, seeds
 
 from usbench.results import tables
 
@@ -24,3 +27,22 @@ def test_a_noise_with_which_one_task_is_not_trained_decides_nothing():
     found, before = paper.noise(one_task), paper.noise(agent)
     assert (found.holds, found.rule) == (before.holds, before.rule)
     assert "nan" not in found.numbers and found.numbers.splitlines()[-1].endswith("| – |")
+
+
+def test_what_noise_takes_holds_only_where_its_interval_leaves_out_0():
+    quiet, half = np.linspace(9, 11, 10), np.linspace(4, 6, 10)
+    fp, pp, more = paper.lost({"fp": (quiet, 0.9 * quiet), "pp": (quiet, half)})
+    assert more.estimate == pytest.approx(0.4) and fp.low < fp.estimate < fp.high
+    assert paper.of_intervals((fp, pp, more)) == paper.HOLDS
+    fp, pp, more = paper.lost({"fp": (quiet, half), "pp": (quiet, 0.9 * quiet)})
+    assert paper.of_intervals((fp, pp, more)) == paper.PARTLY
+    spread = np.linspace(1, 19, 10)
+    assert paper.of_intervals(paper.lost({"fp": (quiet, half), "pp": (spread, spread - 0.5)})) == paper.OPEN
+
+
+@pytest.mark.parametrize(("share", "said"), [(0.005, "1 of 200"), (0.01, "2 of 200")])
+def test_one_episode_is_not_sometimes(share, said):
+    known = made(*seeds("vpg", [0.5] * 10))  # each with 20 episodes
+    ends = pd.DataFrame([{"task": "fp", "noise": 0.0, "too_deep": share}])
+    found = paper.sometimes(known, ends, "too_deep")
+    assert found == (f"{said} episodes end so.", paper.FAILS if share < 0.01 else paper.HOLDS)

@@ -28,6 +28,13 @@ def test_whole_seeds_keep_what_a_seed_did_in_all_cells():
     assert row["whole_low"] == row["score"] == row["whole_high"] and row["score_low"] < row["score_high"]
 
 
+def test_a_cell_that_the_primary_figure_leaves_out_counts_in_the_mean_of_the_cells():
+    fine = np.full((5, 5), 1.0)
+    fine[:, 0] = 0.2
+    row = ranking.overall({"a": fine}).iloc[0]
+    assert row["score"] == 1 and row["cells"] == pytest.approx((0.2 + 4) / 5)
+
+
 def test_variance_that_is_common_to_the_cells_of_a_seed():
     generator = np.random.default_rng(2)
     seed, own = generator.normal(size=(500, 1)), generator.normal(size=(500, 6))

@@ -11,6 +11,8 @@ from usbench.results.protocol import further
 from usbench.results.tables import Results
 from usbench.results.text import DASH, agent, bounds, capital, code, folded, interval, number, pairs_of, table
 
+CELLS = "mean of the cells' IQMs"
+
 
 def sections(own: Results, name: str, pairs: pd.DataFrame, doubted: Collection[str] = ()) -> list[str]:
     """Return the sections of one part of the results, each with its heading.
@@ -45,7 +47,6 @@ def sections(own: Results, name: str, pairs: pd.DataFrame, doubted: Collection[s
 def overall(trials: pd.DataFrame, matrices: Mapping[str, stats.Array], doubted: Collection[str] = ()) -> str:
     """Return the table of all cells together: those that are ranked first, then the others, best first."""
     doubtful = additions.holders(trials, doubted)
-    common = ranking.common_to_seeds(matrices)
     known = ranking.overall(matrices)
     notes = {
         agent: scores.note(own["algo"].iloc[0], own["steps"].max())
@@ -61,30 +62,50 @@ def overall(trials: pd.DataFrame, matrices: Mapping[str, stats.Array], doubted: 
             f"{row.seeds}/{row.asked}",
             interval(row.score, row.score_low, row.score_high),
             bounds(row.whole_low, row.whole_high),
-            *(number(value, 3) for value in (row.median, row.mean, row.optimality_gap)),
+            *(number(value, 3) for value in (row.cells, row.median, row.mean, row.optimality_gap)),
         ]
         for row in known.itertuples()
     ]
     n_cells = next(iter(matrices.values())).shape[1]
     title = "1 cell" if n_cells == 1 else f"{n_cells} cells (task and noise)"
-    head = ["agent", "seeds", "score (IQM)", "with whole seeds", "median", "mean", "optimality gap"]
+    head = ["agent", "seeds", "score (IQM)", "with whole seeds", CELLS, "median", "mean", "optimality gap"]
     return (
         f"Scores over {title}, of the seeds that are finished in all of them. The score with its interval is "
         "the primary figure; seeds are resampled within each cell. For the interval with whole seeds, the "
-        f"same seeds are drawn for all cells, since a seed has the same starts in each.{_seeds(common)}\n\n"
-        + table(head, rows)
+        f"same seeds are drawn for all cells, since a seed has the same starts in each."
+        f"{_quarters(n_cells)}{_seeds(matrices)}\n\n" + table(head, rows)
     )
 
 
-def _seeds(common: float) -> str:
-    """Return in words how much seeds matter for all cells alike."""
-    if pd.isna(common):
+def _quarters(n_cells: int) -> str:
+    """Return in words which cells the primary figure may leave out."""
+    if n_cells == 1:
         return ""
     return (
-        f" Of the variance between trials of a cell, {100 * max(common, 0.0):.0f} % are common to all cells "
-        "of a seed: the larger this is, the more the interval by cells and the comparison of agents are too "
+        " The score leaves out the lowest and the highest quarter of an agent's scores in all cells "
+        "together, so that a cell in which it always does badly, or always well, may not count at all; in "
+        f"the {CELLS} every cell counts alike."
+    )
+
+
+def _seeds(matrices: Mapping[str, stats.Array]) -> str:
+    """Return in words how much seeds matter for all cells alike: for all agents, and where most."""
+    common = ranking.common_to_seeds(matrices)
+    if pd.isna(common):
+        return ""
+    each = pd.Series({name: ranking.common_to_seeds({name: matrix}) for name, matrix in matrices.items()})
+    of_one = ""
+    if each.notna().sum() > 1:
+        of_one = f" ({_percent(each.max())} for {code(str(each.idxmax()))}, the most of any agent)"
+    return (
+        f" Of the variance between trials of a cell, {_percent(common)} are common to all cells of a seed"
+        f"{of_one}: the larger this is, the more the interval by cells and the comparison of agents are too "
         "sure (docs/comparison.md)."
     )
+
+
+def _percent(share: float) -> str:
+    return f"{100 * max(share, 0.0):.0f} %"
 
 
 def improvement(agents: list[str], pairs: pd.DataFrame) -> str:
