@@ -105,7 +105,8 @@ class Block(nn.Sequential):
     def _apply(self, *args: Any, **kwargs: Any) -> Self:
         """As in PyTorch, which moves tensors here, or gives them another type: kept weights are dropped."""
         self._kept = None
-        return super()._apply(*args, **kwargs)
+        result: Self = super()._apply(*args, **kwargs)  # type: ignore[no-untyped-call]
+        return result
 
     def forward(self, images: torch.Tensor) -> torch.Tensor:
         """The pooled maps: layer by layer, in one step, or with batch norm folded into the convolution."""
