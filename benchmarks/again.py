@@ -1,4 +1,4 @@
-"""Train trials of the leaderboard again: is what it says what anybody gets who runs it on another day?
+"""Train trials of the leaderboard again: does another day give the same scores?
 
 `python benchmarks/again.py --draw 20261125` draws trials of the protocol's grid at random (two, if `--trials`
 does not say another number), trains them in `--out`, and prints both scores with greedy actions. Where the
@@ -37,9 +37,7 @@ def scores(known: Results, config: TrialConfig) -> tuple[float, float]:
     """Return a trial's score, and the standard deviation over the seeds of its cell."""
     trials = known.trials
     own = trials[trials["trial"] == config.folder_name].iloc[0]
-    alike = trials[
-        (trials[["task", "noise", "configuration"]] == own[["task", "noise", "configuration"]]).all(axis=1)
-    ]
+    alike = trials[(trials[CELL] == own[CELL]).all(axis=1)]
     curves = known.curves[(known.curves["kind"] == GREEDY) & known.curves["trial"].isin(alike["trial"])]
     last = curves.groupby("trial")["normalized_score"].last()
     return float(last[config.folder_name]), float(last.std(ddof=1))

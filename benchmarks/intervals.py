@@ -1,8 +1,11 @@
 """How often the leaderboard's intervals hold the truth, by simulation: `make coverage` (half an hour).
 
+`--only tuning` is the table of the expected best of n candidates alone (seconds).
+
 Scores of trials are drawn from distributions that are known, so that the interquartile mean of infinitely
 many seeds is known too. Of many such comparisons the share is counted whose 95 % interval holds it; and, of
 comparisons of agents that are all the same, the share in which any of them is said to lie above another.
+The same is counted for the expected best of n candidates, of 16 that a search drew.
 """
 
 from __future__ import annotations
@@ -18,12 +21,16 @@ from rich.progress import track
 from rich.table import Table
 
 from usbench.results import ranking, scores, stats, tables
+from usbench.results.protocol import tuning
 
 Array = npt.NDArray[np.float64]
 Draw = Callable[[int, np.random.Generator], Array]
 
 # All six cells of the grid, with four seeds: how scores differ between seeds and cells.
-COMMITTED = Path(__file__).parents[1] / "tables" / "first-look" / "leaderboard_files"
+TOP = Path(__file__).parents[1]
+COMMITTED = TOP / "tables" / "first-look" / "leaderboard_files"
+# Candidates of the search.
+TUNING = TOP / "leaderboard_files"
 N_CELLS = 6
 SEEDS = (3, 5, 10)
 # Means of six cells, from easy to hard.
@@ -34,6 +41,9 @@ N_AGENTS = 8
 # Fewer than for the leaderboard: the ends of an interval are to be right on average only.
 N_RESAMPLES = 10_000
 TRUTH = 200_000
+N_CANDIDATES = 16
+# Of the scores of a row of candidates, each is spread by this share of their standard deviation.
+ERROR = 0.15
 
 
 def normal(n_seeds: int, generator: np.random.Generator) -> Array:
@@ -124,8 +134,46 @@ def _apart(x: Array, y: Array, counts: list[Array], level: float) -> bool:
     return bool(interval.low > 0.5 or interval.high < 0.5)
 
 
+def best_of(draw: Draw, n_simulations: int) -> Array:
+    """Return for each n of `tuning.SHOWN` the share of intervals of the expected best of n that hold it."""
+    generator, at = np.random.default_rng(0), np.array(tuning.SHOWN)
+    ordered = np.sort(draw(TRUTH, generator))
+    ranks = np.arange(TRUTH + 1)[:, np.newaxis] / TRUTH
+    truth = ordered @ np.diff(ranks**at, axis=0)
+    held = np.zeros(len(at))
+    for _ in range(n_simulations):
+        best = tuning.resampled(draw(N_CANDIDATES, generator))
+        held += (best.low[at - 1] <= truth) & (truth <= best.high[at - 1])
+    return held / n_simulations
+
+
+def candidates() -> dict[str, Draw]:
+    """Return a distribution of candidates' scores like each row of the committed search, and a normal one."""
+    found: dict[str, Draw] = {"normal": lambda n, generator: generator.normal(0.5, 0.2, n)}
+    for row, own in tuning.candidates(tuning.read(TUNING)).items():
+        found[f"as `{row}`"] = _smooth(own)
+    return found
+
+
+def _smooth(own: Array) -> Draw:
+    """Return a distribution like the scores `own`: one of them, and a small normal error."""
+    error = ERROR * float(own.std(ddof=1))
+    return lambda n, generator: generator.choice(own, n) + generator.normal(size=n) * error
+
+
+def tuning_table(n_simulations: int) -> Table:
+    """Return how often the interval of the expected best of n candidates holds the truth."""
+    shown = Table(title=f"share of 95 % intervals of the best of n of {N_CANDIDATES} that hold the truth")
+    shown.add_column("candidates")
+    for n in tuning.SHOWN:
+        shown.add_column(f"n = {n}", justify="right")
+    for name, draw in candidates().items():
+        shown.add_row(name, *(f"{100 * share:.1f} %" for share in best_of(draw, n_simulations)))
+    return shown
+
+
 def main() -> None:
-    """Print both tables."""
+    """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--simulations", type=int, default=600, help="simulations of each kind (default 600)")
     parser.add_argument("--families", type=int, default=200, help="comparisons of equal agents (default 200)")
@@ -133,8 +181,12 @@ def main() -> None:
     parser.add_argument(
         "--scores", nargs="+", choices=every, default=list(every), help="only these distributions"
     )
+    parser.add_argument("--only", choices=["tuning"], help="only the table of the best of n candidates")
     args = parser.parse_args()
     console = Console()
+    console.print(tuning_table(args.simulations))
+    if args.only:
+        return
     every = {name: every[name] for name in args.scores}
 
     cover = Table(title=f"share of 95 % intervals of the IQM over {N_CELLS} cells that hold the truth")

@@ -128,8 +128,8 @@ def noise(known: Results) -> Sentence:
     return Sentence(
         "Increasing the likelihood of noise impacts the trend of a learning curve, especially for the PP "
         "task",
-        "The rise of the return of training episodes, from the first to the last tenth, is smaller with most "
-        f"noise (here {most:g}) than without on both tasks, and loses more on `pp`. Each of these three "
+        "The rise of the return of training episodes, from the first to the last tenth, is smaller with "
+        f"most noise (here {most:g}) than without on both tasks, and loses more on `pp`. Each of these three "
         "holds or does not only where its 95 % interval leaves out 0.",
         of_intervals((fp, pp, more)),
         f"Of the rise without noise, {said[0]} % are lost on `fp` and {said[1]} % on `pp`: {said[2]} "

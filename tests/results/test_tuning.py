@@ -5,6 +5,7 @@ from itertools import combinations
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from made_tables import made, seeds
 
@@ -40,11 +41,58 @@ def test_expected_best_of_stacks_and_of_what_diverged():
     assert found == pytest.approx(np.array([[0.4, 0.6], [0.3, 0.6]]))
 
 
-def test_interval_rises_and_ends_at_the_best():
+def test_the_best_of_more_than_4_has_no_interval():
     best = tuning.expected(np.linspace(0.1, 0.9, 16))
+    for end in (best.low, best.high):
+        assert np.isnan(end).tolist() == [False] * 4 + [True] * 12
+    known = pd.DataFrame(
+        [["vpg", number, "fp", 0.0, 1000, number / 10, 0] for number in range(8)],
+        columns=list(tuning.COLUMNS),
+    )
+    four, eight = tuning.section(known).splitlines()[-1].split(" | ")[6:8]
+    assert "[" in four and eight == "0.70"
+
+
+def test_interval_rises_and_ends_at_the_best():
+    best = tuning.resampled(np.linspace(0.1, 0.9, 16))
     assert (np.diff(best.estimate) > 0).all()
     assert (best.low <= best.estimate).all() and (best.estimate <= best.high).all()
     assert best.estimate[-1] == best.high[-1] == pytest.approx(0.9)
+
+
+def test_the_winner_has_its_score_with_the_whole_budget_where_all_finalists_are_finished(tmp_path):
+    later = [
+        {"rung": 1, "candidate": one, "task": task, "noise": noise, "seed": seed, "score": 0.1 * one}
+        for one in (3, 5, 7)
+        for task, noise in CELLS
+        for seed in (1001, 1002)
+    ]
+    record(tmp_path, "vpg", [0.5] * 8, later=later)
+    record(tmp_path, "ppo", [0.4] * 8, later=later[:-1])
+    known = tuning.gather(tmp_path)
+    assert tuning.winners(known) == {"vpg": pytest.approx(0.7)}
+    vpg, ppo = tuning.section(known).splitlines()[-2:]
+    assert vpg.endswith("| 0.70 |") and ppo.endswith("| – |")
+    assert len(tuning.candidates(known)["vpg"]) == 8
+
+
+def test_tables_without_the_finalists_are_read(tmp_path):
+    record(tmp_path, "vpg", [0.1, 0.3])
+    known = tuning.gather(tmp_path)
+    tuning.write(known.drop(columns="rung"), tmp_path)
+    assert tuning.section(tuning.read(tmp_path)) == tuning.section(known)
+
+
+def test_the_winners_are_those_of_the_committed_records():
+    chosen = json.loads((TOP / "agents" / "winners.json").read_text())
+    known = tuning.gather(TOP / "search")
+    last = known[known["rung"] == tuning.LAST_RUNG].groupby(["row", "candidate"])["score"].mean()
+    assert set(chosen) == set(last.index.get_level_values("row"))
+    for row, winner in chosen.items():
+        head = json.loads((TOP / "search" / f"{row}.jsonl").read_text().splitlines()[0])
+        assert last[row].idxmax() == winner["candidate"]
+        assert last[row].max() == pytest.approx(winner["score"], abs=5e-5)
+        assert head["candidates"][winner["candidate"]] == winner["hyperparameters"]
 
 
 def test_only_complete_first_rungs_count(tmp_path):
@@ -68,7 +116,7 @@ def test_a_candidate_that_diverged_in_one_cell_diverged(tmp_path):
     (tmp_path / "dqn.jsonl").write_text(text.replace("0.8", "null", 1))
     row = tuning.section(tuning.gather(tmp_path)).splitlines()[-1]
     assert row.startswith("| `dqn` | 2 | 1 | 0.00 / 0.10 / 0.20 / 0.30 / 0.40 | 0.20 [")
-    assert row.endswith("| – | – | – |")
+    assert row.endswith("| – | – | – | – |")
 
 
 def test_table_is_read_as_it_was_written(tmp_path):

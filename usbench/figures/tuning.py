@@ -57,6 +57,9 @@ def draw(known: pd.DataFrame) -> Figure | None:
     best.set_ylim(0, score_axis.HIGHEST)
     best.set_xlabel("n candidates drawn at random")
     best.set_ylabel("expected best score")
-    best.set_title("best of n, 95 % bootstrap band;\na triangle: a score below 0", fontsize=style.TEXT)
+    best.set_title(
+        f"best of n, 95 % bootstrap band up to {tuning.LAST_WITH_INTERVAL};\na triangle: a score below 0",
+        fontsize=style.TEXT,
+    )
     style.legend(figure, *best.get_legend_handles_labels())
     return figure

@@ -72,7 +72,7 @@ def overall(trials: pd.DataFrame, matrices: Mapping[str, stats.Array], doubted: 
     return (
         f"Scores over {title}, of the seeds that are finished in all of them. The score with its interval is "
         "the primary figure; seeds are resampled within each cell. For the interval with whole seeds, the "
-        f"same seeds are drawn for all cells, since a seed has the same starts in each."
+        "same seeds are drawn for all cells, since a seed has the same starts in each."
         f"{_quarters(n_cells)}{_seeds(matrices)}\n\n" + table(head, rows)
     )
 

@@ -13,7 +13,7 @@ from usbench.results import held_out, ranking, scores
 from usbench.results.agents import named
 from usbench.results.protocol import further
 from usbench.results.tables import Results
-from usbench.results.text import capital, code, interval, names, pairs_of
+from usbench.results.text import capital, code, interval, names, number, pairs_of
 from usbench.tasks import PAPER, row_of
 
 PAPERS_OWN = "vpg"
@@ -209,8 +209,8 @@ def _phantoms(own: Results, tested: pd.DataFrame | None) -> list[str]:
         clauses.append(
             f"agents with {rows['there'].min():.2f} to {rows['there'].max():.2f} on `{task}`"
             f"{_where_tested(own.trials[own.trials['task'] == task], tested)} have "
-            f"{low['elsewhere']:.2f} ({code(low['agent'])}) to "
-            f"{high['elsewhere']:.2f} ({code(high['agent'])})"
+            f"{number(low['elsewhere'], 2)} ({code(low['agent'])}) to "
+            f"{number(high['elsewhere'], 2)} ({code(high['agent'])})"
         )
     return [f"{here}: on phantoms never seen, {', and '.join(clauses)}."]
 

@@ -4,6 +4,7 @@ Of the first rung alone, in which every candidate was trained; what survived it 
 """
 
 import tomllib
+from itertools import product
 from math import comb
 from pathlib import Path
 from typing import Any
@@ -20,15 +21,20 @@ from usbench.results.scores import BOOTSTRAP_SEED
 from usbench.results.text import DASH, code, interval, names, number, table
 
 TABLE = "tuning.csv"
-# `score` is empty where the training diverged.
-COLUMNS = ("row", "candidate", "task", "noise", "seed", "score")
+# `score` is empty where the training diverged; the first rung is 0, and the whole budget has the last.
+COLUMNS = ("row", "candidate", "task", "noise", "seed", "score", "rung")
 SHOWN = (1, 2, 4, 8, 16)
+LAST_RUNG = 1
+# Intervals of the best of more hold the truth far too seldom (benchmarks/intervals.py).
+LAST_WITH_INTERVAL = 4
 # A candidate that diverged in any cell: what a random agent scores.
 DIVERGED = 0.0
 
 
 def gather(search: Path) -> pd.DataFrame:
-    """Return the trials of the first rung in the records of a folder, `COLUMNS`, of rows that have all.
+    """Return the trials in the records of a folder, `COLUMNS`, of rows that have all of the first rung.
+
+    Those of the finalists are there where all of them are finished.
 
     Raises:
         ConfigurationError: If there is no record, or one is damaged.
@@ -38,7 +44,7 @@ def gather(search: Path) -> pd.DataFrame:
         raise ConfigurationError(
             f"there is no record of a search in {str(search)!r}: usbench search makes some."
         )
-    found = [row for path in paths for row in _first_rung(path)]
+    found = [row for path in paths for row in _trials(path)]
     return pd.DataFrame(found, columns=list(COLUMNS)).sort_values(list(COLUMNS[:5]), ignore_index=True)
 
 
@@ -59,8 +65,11 @@ def read(folder: Path) -> pd.DataFrame:
     if not path.is_file():
         return pd.DataFrame(columns=list(COLUMNS))
     try:
-        known = pd.read_csv(path)[list(COLUMNS)]
-        return known.astype({"candidate": int, "noise": float, "seed": int, "score": float})
+        known = pd.read_csv(path)
+        if "rung" not in known:
+            known = known.assign(rung=0)  # tables before the finalists were kept
+        known = known[list(COLUMNS)]
+        return known.astype({"candidate": int, "noise": float, "seed": int, "score": float, "rung": int})
     except (KeyError, ValueError) as error:
         raise ValueError(f"{path} is not a table of a search: {' '.join(str(error).split())}") from error
 
@@ -70,9 +79,20 @@ def candidates(known: pd.DataFrame) -> dict[str, stats.Array]:
 
     The row whose best candidate has the highest score comes first.
     """
-    means = known.groupby(["row", "candidate"])["score"].agg(lambda own: own.mean(skipna=False))
+    means = _means(known, 0)
     found = {str(row): own.to_numpy(np.float64) for row, own in means.groupby("row")}
     return dict(sorted(found.items(), key=lambda item: (-expected_best(item[1])[-1], item[0])))
+
+
+def winners(known: pd.DataFrame) -> dict[str, float]:
+    """Return the mean score of each row's winner with the whole budget, of rows with all finalists."""
+    best = _means(known, LAST_RUNG).dropna().groupby("row").max()
+    return {str(row): float(score) for row, score in best.items()}
+
+
+def _means(known: pd.DataFrame, rung: int) -> pd.Series:
+    own = known[known["rung"] == rung]
+    return own.groupby(["row", "candidate"])["score"].agg(lambda scores: scores.mean(skipna=False))
 
 
 def expected_best(scores: stats.Array) -> stats.Array:
@@ -90,6 +110,13 @@ def expected_best(scores: stats.Array) -> stats.Array:
 
 
 def expected(scores: stats.Array) -> stats.Interval:
+    """Return `expected_best` with its 95 % interval, which is NaN beyond `LAST_WITH_INTERVAL` candidates."""
+    best = resampled(scores)
+    best.low[LAST_WITH_INTERVAL:] = best.high[LAST_WITH_INTERVAL:] = np.nan
+    return best
+
+
+def resampled(scores: stats.Array) -> stats.Interval:
     """Return `expected_best` with its 95 % interval, whole candidates resampled.
 
     No resample has a better candidate than the best: towards all candidates, the upper end comes down to the
@@ -103,16 +130,32 @@ def expected(scores: stats.Array) -> stats.Interval:
 def section(known: pd.DataFrame) -> str:
     """Return the section of the leaderboard, as Markdown."""
     by_row = candidates(known)
+    at_last = winners(known)
     missing = [row for row in _protocol()["rows"] if row not in by_row]
     waiting = f" Not here, as that rung is not complete yet: {names(missing)}." if missing else ""
-    head = ["row", "candidates", "diverged", "quartiles (least to most)", *(f"best of {n}" for n in SHOWN)]
+    head = [
+        "row",
+        "candidates",
+        "diverged",
+        "quartiles (least to most)",
+        *(f"best of {n}" for n in SHOWN),
+        "winner, whole budget",
+    ]
     return (
         "Scores of the candidates that the search drew at random for each row, in its first rung: a quarter "
         "of the budget, the mean over both tasks, noise 0 and 0.5, one seed. The expected best of n is that "
-        "of n candidates drawn without replacement, with a 95 % interval from candidates resampled. It is "
-        "the score by which candidates are chosen, so that other seeds will have less. Candidates that "
-        f"diverged count as 0.{waiting}\n\n"
-        + table(head, [_words(row, scores) for row, scores in by_row.items()])
+        "of n candidates drawn without replacement; up to n = "
+        f"{LAST_WITH_INTERVAL} with a 95 % interval from candidates resampled, since no resample has a "
+        "better candidate than the best one, and intervals for more hold the truth far too seldom "
+        "(docs/comparison.md). It is the score by which candidates are chosen, so that other seeds will have "
+        f"less. Candidates that diverged count as 0.{waiting} The last column is the winner's mean score in "
+        "the last rung, with the whole budget and other seeds: a row that is much better there "
+        "learns slowly, and that alone makes its "
+        "candidates look hard to tune.\n\n"
+        + table(
+            head,
+            [[*_words(row, scores), number(at_last.get(row, np.nan), 2)] for row, scores in by_row.items()],
+        )
     )
 
 
@@ -133,30 +176,26 @@ def _words(row: str, scores: stats.Array) -> list[str]:
     ]
 
 
-def _first_rung(path: Path) -> list[dict[str, Any]]:
-    """Return the trials of a record's first rung; none if some are still missing."""
+def _trials(path: Path) -> list[dict[str, Any]]:
+    """Return the trials of a record's first rung, none if some are missing, and of its complete last."""
     try:
         head, *trials = read_rows(path)
-        cells = _cells(_protocol())
-        places = {(candidate, *cell) for candidate in range(len(head["candidates"])) for cell in cells}
-        found = [
-            {"row": head["row"], **{name: one[name] for name in COLUMNS[1:]}}
-            for one in trials
-            if one["rung"] == 0
-        ]
-        done = {tuple(one[name] for name in COLUMNS[1:5]) for one in found}
+        known = [{"row": head["row"], **{name: one[name] for name in COLUMNS[1:]}} for one in trials]
+        first, last = ([one for one in known if one["rung"] == rung] for rung in (0, LAST_RUNG))
+        if not _complete(first, 0, len(head["candidates"])):
+            return []
+        return [*first, *(last if _complete(last, LAST_RUNG, _protocol()["rungs"][0]["keep"]) else [])]
     except (KeyError, TypeError, ValueError) as error:
         raise ConfigurationError(f"{str(path)!r} is not the record of a search: {error}.") from error
-    return found if done >= places else []
 
 
-def _cells(search: dict[str, Any]) -> list[tuple[str, float, int]]:
-    return [
-        (task, noise, seed)
-        for task in search["tasks"]
-        for noise in search["noises"]
-        for seed in search["rungs"][0]["seeds"]
-    ]
+def _complete(found: list[dict[str, Any]], rung: int, n_candidates: int) -> bool:
+    """Return whether so many candidates have all trials of a rung."""
+    search = _protocol()
+    cells = product(search["tasks"], search["noises"], search["rungs"][rung]["seeds"])
+    done = {tuple(one[name] for name in COLUMNS[1:5]) for one in found}
+    tried = {one["candidate"] for one in found}
+    return len(tried) >= n_candidates and done >= {(one, *cell) for cell in cells for one in tried}
 
 
 def _protocol() -> dict[str, Any]:
