@@ -14,6 +14,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from usbench.checks import whole_number
 from usbench.cli.output.sweep_output import SweepBars
 from usbench.compare import plan, protocol, sweep
 from usbench.records import Trial, TrialConfig
@@ -25,12 +26,17 @@ COLUMNS = ("trial", "leaderboard", "again", "difference", "spread of the cell", 
 
 
 def drawn(known: Results, number: int, n_trials: int) -> list[TrialConfig]:
-    """Return finished trials of the grid that learn, drawn by the generator with the seed `number`."""
+    """Return finished trials of the grid that learn, drawn by the generator with the seed `number`.
+
+    Raises:
+        ValueError: If `number` is negative, or there are not as many trials.
+    """
     finished = set(known.trials.loc[known.trials["status"] == "finished", "trial"])
     planned = plan.by_protocol(protocol.read())
     there = [config for config in planned if config.steps and config.folder_name in finished]
-    chosen = np.random.default_rng(number).choice(len(there), n_trials, replace=False)
-    return [there[i] for i in chosen]
+    n_drawn = whole_number("trials", n_trials, 1, len(there))
+    generator = np.random.default_rng(whole_number("draw", number, 0))
+    return [there[i] for i in generator.choice(len(there), n_drawn, replace=False)]
 
 
 def scores(known: Results, config: TrialConfig) -> tuple[float, float]:
@@ -65,7 +71,10 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=1, help="trials that run at a time (default 1)")
     args = parser.parse_args()
     known = tables.read(leaderboard.files(Path("leaderboard.md")))
-    chosen = drawn(known, args.draw, args.trials)
+    try:
+        chosen = drawn(known, args.draw, args.trials)
+    except ValueError as error:
+        parser.error(str(error))
     with SweepBars() as bars:
         sweep.run(chosen, args.out, bars, jobs=args.jobs)
     shown = Table(*COLUMNS)
