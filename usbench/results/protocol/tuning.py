@@ -149,9 +149,8 @@ def section(known: pd.DataFrame) -> str:
         "better candidate than the best one, and intervals for more hold the truth far too seldom "
         "(docs/comparison.md). It is the score by which candidates are chosen, so that other seeds will have "
         f"less. Candidates that diverged count as 0.{waiting} The last column is the winner's mean score in "
-        "the last rung, with the whole budget and other seeds: a row that is much better there "
-        "learns slowly, and that alone makes its "
-        "candidates look hard to tune.\n\n"
+        "the last rung, with the whole budget and other seeds: a row that is much better there learns "
+        "slowly, and that alone makes its candidates look hard to tune.\n\n"
         + table(
             head,
             [[*_words(row, scores), number(at_last.get(row, np.nan), 2)] for row, scores in by_row.items()],
