@@ -35,7 +35,7 @@ def test_an_agent_plays_as_its_records_and_its_card_say(name):
 @pytest.mark.parametrize("name", NAMES)
 def test_an_agent_acts_on_what_its_task_shows(name):
     loaded = usbench.load_agent(name)
-    env = Setting.recorded(loaded.config).make_env()
+    env = loaded.make_env()
     seen = env.observation_space.sample()
     first, second = (loaded.agent.predict(seen, deterministic=True)[0] for _ in range(2))
     assert env.action_space.contains(int(first)) and first == second

@@ -1,6 +1,7 @@
 """Agents that are released: the same trials give the same bytes, plain arrays act as the trial's model."""
 
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -62,6 +63,15 @@ def test_the_same_trials_give_the_same_bytes_and_the_best_of_each_kind(runs, tmp
     papers = [score for name, score in scores.items() if "-vpg-" in name]
     assert scores[named["best:pp"]] == pytest.approx(max(scores.values()))
     assert "-vpg-" in named["vpg:pp"] and scores[named["vpg:pp"]] == pytest.approx(max(papers))
+
+
+def test_an_agent_that_was_taught_is_the_best_only_where_there_is_no_other(runs):
+    trials = sorted(could_be_released(runs), key=lambda trial: trial.name)
+    first = release.chosen(trials)["best:pp"]
+    taught = replace(first, config=replace(first.config, algo="distilled"))
+    others = [trial for trial in trials if trial.name != first.name]
+    assert release.chosen([taught, *others])["best:pp"] in others
+    assert release.chosen([taught])["best:pp"] is taught
 
 
 def test_agents_of_other_tasks_stay_and_those_of_the_same_task_are_replaced(runs, tmp_path):

@@ -25,7 +25,14 @@ def parts(observations):
 
 @pytest.mark.parametrize(
     ("task", "agent", "noise"),
-    [("pp", "mixed", 0.25), ("exam-stop", "oracle", 0.0), ("pp-tracked", "random", 0.0)],
+    [
+        ("pp", "mixed", 0.25),
+        ("exam-stop", "oracle", 0.0),
+        ("pp-tracked", "random", 0.0),
+        ("pp-random", "best", 0.0),
+        ("pp-tracked", "mixed", 0.0),
+        ("setup-v0", "random", 0.0),
+    ],
 )
 def test_an_episode_played_again_from_its_seed_and_actions_shows_the_same(place, task, agent, noise):
     name, _ = minari_files.write(task, agent, 5, noise=noise, seed=3)

@@ -197,6 +197,9 @@ def test_best_agent_is_of_the_task_and_rather_of_the_noise(tmp_path):
     assert agents.best(trials, Setting(task="pp", noise=0.25)).name == "b"
     assert agents.best(trials, Setting(task="pp", noise=0.5)).name == "c"
     assert agents.best(trials[:3], Setting(task="fp")) is None
+    taught = Known(tmp_path / "f", Setting(task="pp", noise=0.25), "", 0.7, is_taught=True)
+    assert agents.best([*trials, taught], Setting(task="pp", noise=0.25)).name == "b"
+    assert agents.best([taught], Setting(task="pp", noise=0.25)) is taught
 
 
 def wait_for_training(session):

@@ -88,6 +88,16 @@ def test_trial_is_opened_and_acts_as_the_model_that_was_saved(finished):
     assert all(torch.equal(state[name], tensor) for name, tensor in loaded.agent.policy.state_dict().items())
 
 
+def test_an_agents_environment_is_that_of_its_trial(finished):
+    loaded = model_loading.load_agent(finished)
+    env, same = loaded.make_env(), Setting.recorded(loaded.config).make_env()
+    assert env.observation_space == same.observation_space and env.unwrapped.noise == loaded.config.noise
+    seen, _ = env.reset(seed=0)
+    assert np.array_equal(seen, same.reset(seed=0)[0])
+    action, _ = loaded.agent.predict(seen, deterministic=True)
+    env.step(int(action))
+
+
 def test_nothing_is_unpickled_on_the_way(finished, monkeypatch):
     def forbidden(*_, **__):
         raise AssertionError("unpickled")

@@ -61,7 +61,10 @@ def _what(trial: Trial, setting: Setting, name: str) -> str:
         "chooses among": ", ".join(action.name for action in setting.guidance.actions),
     }
     guide = f", `usbench guide {name}` lets it advise a person," if setting.row.is_guided else ""
-    used = f'`usbench watch {name}` shows it{guide} and `usbench.load_agent("{name}")` returns it.'
+    used = (
+        f'`usbench watch {name}` shows it{guide} and `usbench.load_agent("{name}")` returns it: its `agent` '
+        "acts, and its `make_env()` makes an environment that shows what the agent saw."
+    )
     return f"{table(('', ''), rows.items(), 2)}\n\n{used}"
 
 

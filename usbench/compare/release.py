@@ -10,6 +10,7 @@ import numpy as np
 from usbench import records, released
 from usbench.agents.zoo import ZOO
 from usbench.atomic import atomic_file
+from usbench.ceilings import taught
 from usbench.compare import model_card
 from usbench.compare.own_task import is_on_its_task
 from usbench.records import ConfigurationError, Trial, checksums
@@ -56,6 +57,8 @@ def write(
         rivals = [one for one in trials if one.config.task == trial.config.task]
         if name.startswith(f"{OWN}:"):
             rivals = [one for one in rivals if one.config.algo == OWN]
+        elif not taught(trial.config.algo):
+            rivals = [one for one in rivals if not taught(one.config.algo)]
         made.append(_write(trial, folder / name.replace(":", "-", 1), name, rivals))
     for path in before:
         if path not in made:
@@ -64,8 +67,14 @@ def write(
 
 
 def chosen(trials: Sequence[Trial]) -> dict[str, Trial]:
-    """Return the trial of each released agent by its name: the best of each task, and the paper's agent."""
-    ranked = sorted(trials, key=lambda trial: (-_score(trial), trial.config.seed, trial.name))
+    """Return the trial of each released agent by its name: the best of each task, and the paper's agent.
+
+    An agent that was told the truth while it learned is the best only where there is no other.
+    """
+    ranked = sorted(
+        trials,
+        key=lambda one: (taught(one.config.algo) != "", -_score(one), one.config.seed, one.name),
+    )
     found: dict[str, Trial] = {}
     for trial in ranked:
         found.setdefault(f"best:{trial.config.task}", trial)

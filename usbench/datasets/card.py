@@ -14,10 +14,11 @@ from usbench.setting import Setting
 
 def description(setting: Setting, who: Sequence[str]) -> str:
     """Return what the data set is, in a sentence."""
+    told = f"what is told beside them ({', '.join(setting.senses)}), " if setting.senses else ""
     return (
         f"Simulated ultrasound probe guidance, {setting.guidance.title} ({setting.row.env_id}), noise "
-        f"{setting.noise:g}, played by {', '.join(who)}: B-mode frames, actions and true rewards; the pose "
-        "is in the infos. `import usbench` registers the environment."
+        f"{setting.noise:g}, played by {', '.join(who)}: B-mode frames, {told}actions and true rewards; the "
+        "pose is in the infos. `import usbench` registers the environment."
     )
 
 

@@ -1,7 +1,7 @@
 """Episodes that are played for a data set: what the environment showed, what was done, what came of it."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import gymnasium as gym
@@ -14,7 +14,7 @@ from usbench.checks import ConfigurationError
 from usbench.coordinates import BY_NAME
 from usbench.envs.observation import senses
 from usbench.envs.observation.wrappers import ImageStack, NormalizeImage
-from usbench.setting import Setting
+from usbench.setting import Setting, of_any_version
 from usbench.trials.learning import make_agent
 from usbench.trials.model_loading import load_agent
 
@@ -76,13 +76,22 @@ class _Watched(gym.Wrapper[Any, int, Any, int]):
         return observation, reward, terminated, truncated, info
 
 
+def make_env(setting: Setting) -> gym.Env[Any, Any]:
+    """Make the environment whose observations are kept, as its id and these arguments alone make it."""
+    by_default = Setting(task=setting.task).senses
+    told = {} if setting.senses == by_default else {"senses": list(setting.senses or ())}
+    with of_any_version():
+        env: gym.Env[Any, Any] = gym.make(setting.row.env_id, noise=setting.noise, **told)
+    return env
+
+
 def names(agent: str) -> tuple[str, ...]:
     """Return who acts in the episodes of a data set, one after the other."""
     return PARTS if agent == MIXED else (agent,)
 
 
-def open_agent(name: str, setting: Setting, seed: int) -> tuple[Any, int]:
-    """Return the agent `name` of the setting's task, and how many frames it sees.
+def open_agent(name: str, setting: Setting, seed: int) -> tuple[Any, Setting]:
+    """Return the agent `name` of the setting's task, and the setting with what it sees and is told.
 
     Args:
         name: "oracle", "best" or "random"; or a trial's folder, or the name of an agent of the package.
@@ -94,7 +103,7 @@ def open_agent(name: str, setting: Setting, seed: int) -> tuple[Any, int]:
     """
     if name in (ORACLE, RANDOM):
         env = DummyVecEnv([setting.make_env])
-        return make_agent(setting, name, env, seed, {}), setting.n_frames
+        return make_agent(setting, name, env, seed, {}), setting
     if name != BEST and not released.place(name).exists():
         raise ConfigurationError(
             f"unknown agent {name!r}: allowed are {ORACLE!r}, {BEST!r}, {RANDOM!r}, {MIXED!r}, the folder of "
@@ -108,18 +117,13 @@ def open_agent(name: str, setting: Setting, seed: int) -> tuple[Any, int]:
             f"the agent {name!r} was trained on {recorded.task!r}{others}: the data set is of "
             f"{setting.task!r} as it is."
         )
-    if recorded.senses != setting.senses:
-        raise ConfigurationError(
-            f"the agent {name!r} was trained with the senses {list(recorded.senses or ())}: the task has "
-            f"{list(setting.senses or ())}."
-        )
-    return loaded.agent, loaded.config.n_frames
+    return loaded.agent, replace(setting, n_frames=recorded.n_frames, senses=recorded.senses)
 
 
-def play(agent: Any, name: str, n_frames: int, setting: Setting, seeds: Sequence[int]) -> Iterator[Played]:
+def play(agent: Any, name: str, setting: Setting, seeds: Sequence[int]) -> Iterator[Played]:
     """Yield an episode for each of `seeds`, played with greedy actions; the reward is the true one."""
-    envs = [_Watched(gym.make(setting.row.env_id, noise=setting.noise)) for _ in seeds[:AT_ONCE]]
-    shown = [NormalizeImage(ImageStack(env, n_frames)) for env in envs]
+    envs = [_Watched(make_env(setting)) for _ in seeds[:AT_ONCE]]
+    shown = [NormalizeImage(ImageStack(env, setting.n_frames)) for env in envs]
     for start in range(0, len(seeds), AT_ONCE):
         episodes = [Played(name, int(seed)) for seed in seeds[start : start + AT_ONCE]]
         for env, episode in zip(envs, episodes, strict=False):

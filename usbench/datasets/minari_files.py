@@ -6,12 +6,12 @@ import shutil
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
@@ -74,7 +74,7 @@ def write(
     with _place(out):
         name = dataset_name(setting, agent)
         folder = _new_folder(name)
-        played = _played(setting, agent, n_episodes, seed, tell)
+        setting, played = _played(setting, agent, n_episodes, seed, tell)
         tell("writing the data set")
         anchors = setting.anchors()
         _create(name, played, setting, anchors)
@@ -125,10 +125,12 @@ def _new_folder(name: str) -> Path:
 
 def _played(
     setting: Setting, agent: str, n_episodes: int, seed: int, tell: Callable[[str], None]
-) -> list[Played]:
-    """Play all episodes, in the order of the data set."""
+) -> tuple[Setting, list[Played]]:
+    """Play all episodes; return the setting with what the agent is told, and them in the data set's order."""
     who = episodes.names(agent)
     opened = [episodes.open_agent(name, setting, seed) for name in who]
+    # At most one agent has learned; the others need no observation, and show what it is told.
+    told_to = next((own for _, own in opened if own.senses != setting.senses), setting)
     tell(
         f"{n_episodes} episode{'' if n_episodes == 1 else 's'} of {setting.task}, played by {', '.join(who)}"
     )
@@ -138,23 +140,24 @@ def _played(
     seeds = np.random.SeedSequence(seed).generate_state(n_episodes).astype(int).tolist()
     played: dict[int, Played] = {}
     begun, told = time.monotonic(), 0.0
-    for part, (name, (acting, n_frames)) in enumerate(zip(who, opened, strict=True)):
+    for part, (name, (acting, seen)) in enumerate(zip(who, opened, strict=True)):
         numbers = range(part, n_episodes, len(who))
-        own = episodes.play(acting, name, n_frames, setting, [seeds[number] for number in numbers])
+        shown = replace(seen, senses=told_to.senses)
+        own = episodes.play(acting, name, shown, [seeds[number] for number in numbers])
         for number, episode in zip(numbers, own, strict=True):
             played[number] = episode
             since = time.monotonic() - begun
             if since - told > 5:
                 told, left = since, since / len(played) * (n_episodes - len(played))
                 tell(f"episode {len(played)} of {n_episodes}, about {left:.0f} s to go")
-    return [played[number] for number in range(n_episodes)]
+    return told_to, [played[number] for number in range(n_episodes)]
 
 
 def _create(name: str, played: Sequence[Played], setting: Setting, anchors: Anchors) -> None:
     import minari
 
     who = list(dict.fromkeys(episode.agent for episode in played))
-    env = gym.make(setting.row.env_id, noise=setting.noise)
+    env = episodes.make_env(setting)
     with warnings.catch_warnings():
         # Minari asks for an address and a link, which a data set that somebody makes at home has not.
         warnings.filterwarnings("ignore", "`(code_permalink|author_email)` is set to None")

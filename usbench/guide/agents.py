@@ -8,6 +8,7 @@ from typing import Any
 
 from usbench import records, released
 from usbench.agents import zoo
+from usbench.ceilings import taught
 from usbench.coordinates import TARGET
 from usbench.envs.oracle import Planner
 from usbench.guide.examination import Opened
@@ -44,12 +45,14 @@ class Known:
         setting: What the agent met in training.
         label: What the page calls it.
         score: Normalised score of its last evaluation with greedy actions; None if there is none.
+        is_taught: Whether it was told the truth while it learned.
     """
 
     folder: Path
     setting: Setting
     label: str
     score: float | None
+    is_taught: bool = False
 
     @property
     def name(self) -> str:
@@ -97,9 +100,16 @@ def known(folder: Path) -> Known:
 
 
 def best(trials: Iterable[Known], setting: Setting) -> Known | None:
-    """Return the best agent of the setting's task; one trained with the setting's noise comes first."""
+    """Return the best agent of the setting's task; one trained with the setting's noise comes first.
+
+    Of these, one that was told the truth while it learned comes last.
+    """
     fitting = [trial for trial in trials if trial.task == setting.task and trial.score is not None]
-    return max(fitting, key=lambda trial: (trial.setting.noise == setting.noise, trial.score), default=None)
+    return max(
+        fitting,
+        key=lambda trial: (trial.setting.noise == setting.noise, not trial.is_taught, trial.score),
+        default=None,
+    )
 
 
 def open_trial(trial: Known, setting: Setting) -> Opened:
@@ -140,7 +150,7 @@ def _known(folder: Path) -> Known | None:
     except (ValueError, TypeError, KeyError, ArithmeticError, OSError):
         return None
     label += "" if score is None else f", score {score:.2f}"
-    return Known(folder, setting, label, score)
+    return Known(folder, setting, label, score, taught(config.algo) != "")
 
 
 def _score(trial: Trial) -> float | None:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
@@ -35,6 +36,16 @@ class Loaded:
 
     agent: Any
     config: TrialConfig
+
+    def make_env(self, *, render_mode: str | None = None) -> gym.Env[Any, Any]:
+        """Make an environment of the agent's task that shows what the agent saw in training.
+
+        It has the trial's noise and phantom, stacks as many frames, and tells the same senses.
+
+        Args:
+            render_mode: None or "rgb_array".
+        """
+        return Setting.recorded(self.config).make_env(render_mode=render_mode)
 
 
 def load_agent(path: str | Path, *, algo: str | None = None, task: str | None = None) -> Loaded:
