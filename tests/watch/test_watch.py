@@ -151,6 +151,20 @@ def test_values_are_shown_as_values():
     assert advice.best == 2
 
 
+def test_an_agent_that_tells_only_its_choice_has_no_numbers(quick):
+    env = make_env("pp")
+    observation, info = env.reset(seed=0)
+    advice = Adviser(agent("stay")).advise(observation, info, 0)
+    assert (advice.kind, advice.best, max(advice.bars)) == ("choice", 0, 1)
+    names = replay.action_names(Setting(task="pp"))
+    assert film.advice_words(advice, names) == names
+    played = [
+        dataclasses.replace(moment, advice=advice) for moment in replay.play(Setting(task="pp"), 2, [0] * 16)
+    ]
+    *_, last = terminal.table(played, names).splitlines()
+    assert last.split()[0] == "16" and last.endswith("stay")
+
+
 def test_table_has_a_row_for_every_step(finished, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "200")
     assert cli.main(["watch", str(finished), "--episode", "0"]) == 0
@@ -160,7 +174,7 @@ def test_table_has_a_row_for_every_step(finished, capsys, monkeypatch):
     for name in ("action", "reward", "optimum", "to", "go", "angle", "advice"):
         assert name in names
     assert names.split().count("mm") == 2 and names.split().count("deg") == 1
-    assert len(rows) == 17 and "%" in rows[0]
+    assert len(rows) == 18 and "%" in rows[0] and rows[-1] == "advice for the next: probability of the action"
 
 
 def test_table_fits_80_columns_with_whole_numbers(quick):
@@ -188,7 +202,9 @@ def test_a_table_breaks_words_at_hyphens_alone(quick, task, actions, noise):
     advice = Advice(tuple(-2.07 + turn for turn in turning), "value")
     played = [dataclasses.replace(moment, advice=advice) for moment in replay.play(setting, 2, actions)]
     shown = terminal.table(played, names)
-    parts = set(re.findall("[a-z]+", shown))
+    *rows, meaning = shown.splitlines()
+    assert meaning == f"advice for the next: {advice.meaning}"
+    parts = set(re.findall("[a-z]+", "\n".join(rows)))
     assert {"rotate", "counter", "clockwise"} <= parts
     headings = (
         "start slip next advice for the to step action reward return optimum x angle focal depth mm deg"
@@ -211,7 +227,7 @@ def test_terminal_shows_colour_blocks_and_words(finished, without_waiting):
     console = Console(file=io.StringIO(), force_terminal=True, width=100, height=30, color_system="truecolor")
     terminal.show(selection.choose(finished, [0]), console)
     shown = console.file.getvalue()
-    for words in ("step 16/16", "optimum in this episode", "advice: ", "▀", "38;2;"):
+    for words in ("step 16/16", "optimum in this episode", "advice (probability of the action): ", "▀", "38;2;"):
         assert words in shown
 
 

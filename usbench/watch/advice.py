@@ -69,7 +69,7 @@ class Adviser:
         actions, self._memory = self._agent.predict(
             seen, state=self._memory, episode_start=np.array([step == 0]), deterministic=True
         )
-        return Advice(tuple(float(action == int(actions[0])) for action in range(n_actions)))
+        return Advice(tuple(float(action == int(actions[0])) for action in range(n_actions)), "choice")
 
 
 def _probabilities(distribution: Any) -> tuple[float, ...]:

@@ -1,5 +1,6 @@
 """Moments of an episode as pages with words below the picture, written as .gif, .webp or .mp4."""
 
+import textwrap
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -19,6 +20,7 @@ CODECS = ("vp09", "mp4v")
 # Pixels; the words below a picture need this width, a picture of narrow frames is less wide.
 WIDTH = 1240
 WORDS_HEIGHT, LINE_HEIGHT, ACTION_HEIGHT, TEXT_SIZE = 120, 28, 22, 16
+MEANING_SIZE, MEANING_COLUMNS = 12, 15
 LEFT, ADVICE_LEFT, NAME_LEFT, BAR_LEFT, BAR_WIDTH = 50, 580, 685, 950, 240
 # Red, green and blue.
 FOOTER, FAINT = (15, 18, 24), (150, 156, 168)
@@ -59,7 +61,9 @@ def fixed(number: float) -> str:
 
 
 def advice_numbers(advice: Advice) -> list[str]:
-    """Return the weight of every action as text."""
+    """Return the weight of every action as text; nothing for an agent that tells only its choice."""
+    if advice.kind == "choice":
+        return [""] * len(advice.weights)
     if advice.kind == "probability":
         return [f"{100 * weight:.0f} %" for weight in advice.weights]
     return [fixed(weight) for weight in advice.weights]
@@ -67,7 +71,7 @@ def advice_numbers(advice: Advice) -> list[str]:
 
 def advice_words(advice: Advice, names: Sequence[str]) -> list[str]:
     """Return the name of every action with its weight."""
-    return [f"{name} {number}" for name, number in zip(names, advice_numbers(advice), strict=True)]
+    return [f"{name} {number}".rstrip() for name, number in zip(names, advice_numbers(advice), strict=True)]
 
 
 def write(path: Path, pages: Sequence[Image.Image]) -> None:
@@ -106,6 +110,9 @@ def _draw_advice(draw: ImageDraw.ImageDraw, advice: Advice, names: Sequence[str]
     font = ImageFont.load_default(size=TEXT_SIZE)
     words = advice_words(advice, names)
     draw.text((ADVICE_LEFT, top), "advice now:", fill="white", font=font)
+    meaning = textwrap.fill(advice.meaning, MEANING_COLUMNS)
+    small = ImageFont.load_default(size=MEANING_SIZE)
+    draw.multiline_text((ADVICE_LEFT, top + ACTION_HEIGHT), meaning, fill=FAINT, font=small)
     for number, (bar, text) in enumerate(zip(advice.bars, words, strict=True)):
         best = number == advice.best
         y = top + ACTION_HEIGHT * number

@@ -10,23 +10,37 @@ import numpy.typing as npt
 from usbench.envs.pose import Pose
 
 
+MEANINGS = {
+    "probability": "probability of the action",
+    "value": "discounted return that the agent expects",
+    "loss": "what the agent expects to lose against the best action",
+    "choice": "the agent's choice",
+}
+
+
 @dataclass(frozen=True)
 class Advice:
     """What an agent thinks of every action.
 
     Attributes:
-        weights: One number per action: its probability, the discounted return that the agent expects, or what
-            it expects to lose against the best action, below 0.
-        kind: Which of the three the numbers are.
+        weights: One number per action: its probability, the discounted return that the agent expects, what it
+            expects to lose against the best action, below 0, or 1 for the action of an agent that tells no
+            more, and 0 for the others.
+        kind: Which of the four the numbers are.
     """
 
     weights: tuple[float, ...]
-    kind: Literal["probability", "value", "loss"] = "probability"
+    kind: Literal["probability", "value", "loss", "choice"] = "probability"
 
     @property
     def best(self) -> int:
         """The action that the agent advises."""
         return int(np.argmax(self.weights))
+
+    @property
+    def meaning(self) -> str:
+        """What the numbers are, in words."""
+        return MEANINGS[self.kind]
 
     @property
     def bars(self) -> list[float]:

@@ -50,7 +50,7 @@ def table(moments: Iterable[Moment], names: Sequence[str], width: int = 80) -> s
     """Return an episode as text of `width` columns: a row for the start and for every step.
 
     Words are folded, numbers are not. A coordinate that stays as it is, and slips where there are none, have
-    no column.
+    no column. A line below says what the numbers of the advice are.
     """
     played = list(moments)
     columns = _folded(_columns(played, names), width)
@@ -68,7 +68,16 @@ def table(moments: Iterable[Moment], names: Sequence[str], width: int = 80) -> s
     console = Console(width=width, color_system=None, file=io.StringIO(), force_terminal=False)
     console.print(table)
     assert isinstance(console.file, io.StringIO)
-    return "\n".join(line.rstrip() for line in console.file.getvalue().splitlines())
+    lines = [line.rstrip() for line in console.file.getvalue().splitlines()]
+    return "\n".join([*lines, *_meaning(played, width)])
+
+
+def _meaning(played: Sequence[Moment], width: int) -> list[str]:
+    """Return the lines that say what the numbers of the advice are, none where no advice has numbers."""
+    advised = next((moment.advice for moment in played if moment.advice is not None), None)
+    if advised is None or advised.kind == "choice":
+        return []
+    return textwrap.wrap(f"advice for the next: {advised.meaning}", width)
 
 
 def _columns(played: Sequence[Moment], names: Sequence[str]) -> dict[str, list[str]]:
@@ -76,7 +85,7 @@ def _columns(played: Sequence[Moment], names: Sequence[str]) -> dict[str, list[s
     poses = [moment.pose for moment in played]
     moving = [name for name in POSE if name == POSE[0] or len({getattr(pose, name) for pose in poses}) > 1]
     advised = [
-        "" if advice is None else f"{film.advice_numbers(advice)[advice.best]} {names[advice.best]}"
+        "" if advice is None else f"{film.advice_numbers(advice)[advice.best]} {names[advice.best]}".strip()
         for advice in (moment.advice for moment in played)
     ]
     columns = {
@@ -126,7 +135,7 @@ def screen(moment: Moment, steps: int, names: Sequence[str], console: Console) -
     text.append("".join(f"   {part}" for part in [*where, *in_words(pose)]) + "\n")
     text.append("\n".join(film.facts(moment)) + "\n")
     if moment.advice is not None:
-        text.append("advice: ")
+        text.append(f"advice ({moment.advice.meaning}): ")
         for number, words in enumerate(film.advice_words(moment.advice, names)):
             best = number == moment.advice.best
             text.append(f"[{words}]" if best else words, style="bold" if best else "")

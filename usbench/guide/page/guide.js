@@ -8,6 +8,7 @@ const CONFIDENCE = {
   probability: "Probability of each action",
   value: "Expected return of each action",
   loss: "Expected loss of return by each action",
+  choice: "The agent tells its choice alone",
 };
 const PICTURES = {
   above: byId("above"), side: byId("side"), view: byId("frame-view"), canvas: byId("frame"), axes: byId("frame-axes"),
