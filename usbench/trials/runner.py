@@ -17,7 +17,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 
 from usbench import records, suite
 from usbench.agents import zoo
-from usbench.atomic import atomic_path
+from usbench.atomic import move_whole, scratch_folder
 from usbench.records import Trial, TrialConfig, checksums
 from usbench.setting import Setting
 from usbench.trials import rehearsal
@@ -159,14 +159,14 @@ class _Run:
                     self._rehearse()
                 self._train_and_evaluate(goes_on)
                 self._write(references={name: self._reference(algo) for name, algo in REFERENCES.items()})
-            self._save_model()
+            self._save_finished_model()
             files = checksums.of(self.folder, (records.EPISODES, records.EVALUATIONS))
             self._write(status="finished", checksums=files, explores=explores(self.agent))
         except KeyboardInterrupt:
             self._give_up("interrupted", "stopped by the user")
             raise
         except Exception as error:
-            reason = f"{type(error).__name__}: {' '.join(str(error).split())}"
+            reason = _words(error)
             self._give_up("failed", reason)
             raise TrialError(f"the trial in {str(self.folder)!r} failed: {reason}") from error
         self.resume_files.clear()
@@ -242,20 +242,49 @@ class _Run:
         played = self.evaluator.play(agent, checkpoint=0, step=0, deterministic=False)
         return records.means(pd.DataFrame([episode.as_row() for episode in played]))
 
+    def _save_finished_model(self) -> None:
+        """Save the model; where an agent of another package cannot, its records are as good without."""
+        try:
+            self._save_model()
+        except Exception as error:  # whatever an algorithm of another package does
+            # A full disk is no fault of the agent: with room on it, the trial goes on.
+            if self.config.algo in zoo.ZOO or isinstance(error, OSError):
+                raise
+            self._tell_unsaved(error)
+
     def _save_model(self) -> None:
+        """Let the agent save its model, in files that appear whole; a `save` may add a suffix to the name."""
         if not hasattr(self.agent, "save"):
             return
-        with atomic_path(self.folder / records.MODEL) as path:
-            self.agent.save(path)
+        with scratch_folder(self.folder / records.MODEL) as scratch:
+            self.agent.save(scratch / records.MODEL)
+            for path in scratch.iterdir():
+                move_whole(path, self.folder / path.name)
+
+    def _tell_unsaved(self, error: Exception) -> None:
+        log.warning(
+            "the trial %s has no model: %s.save failed (%s)",
+            self.folder.name,
+            type(self.agent).__name__,
+            _words(error),
+        )
 
     def _give_up(self, status: str, reason: str) -> None:
         """Keep what there is; a full disk must not hide why the trial ended."""
         with contextlib.suppress(OSError):
             self._write(status=status, reason=reason)
-        with contextlib.suppress(OSError):
-            if self.agent is not None:
-                self._save_model()
+        if self.agent is None:
+            return
+        try:
+            self._save_model()
+        except Exception as error:  # whatever an algorithm of another package does
+            self._tell_unsaved(error)
 
     def _write(self, **news: Any) -> None:
         self.trial = replace(self.trial, timings=self.stopwatch.seconds(), **news)
         self.trial.write()
+
+
+def _words(error: Exception) -> str:
+    """Return an error in one line: its type, and what it says."""
+    return f"{type(error).__name__}: {' '.join(str(error).split())}"
