@@ -75,7 +75,7 @@ def run_trial(
         ConfigurationError: If `out` cannot be written.
         KeyboardInterrupt: After the state was kept; the status is then "interrupted".
         TrialError: If anything goes wrong while running; the status is then "failed" with the reason.
-        ValueError: If the records of the trial in `out` are damaged.
+        ValueError: If the records of the trial in `out` are damaged, unless `overwrite`.
     """
     folder, seconds = out / config.folder_name, interval()
     finished = None if overwrite else find_finished(config, out)
@@ -150,7 +150,8 @@ class _Run:
     def run(self, *, anew: bool, rehearse: bool) -> None:
         """Do everything, and leave the true status behind whatever happens."""
         goes_on = not anew and bool(self.resume_files.paths())
-        self._open_folder(goes_on)
+        # What is overwritten is not read: it may be damaged.
+        self._open_folder(goes_on, before=None if anew else Trial.find(self.folder))
         try:
             self._write()
             with self.stopwatch.timed("total_s"):
@@ -171,9 +172,8 @@ class _Run:
             raise TrialError(f"the trial in {str(self.folder)!r} failed: {reason}") from error
         self.resume_files.clear()
 
-    def _open_folder(self, goes_on: bool) -> None:
-        """Make the folder, or take what its trial has recorded of its start."""
-        before = Trial.find(self.folder)
+    def _open_folder(self, goes_on: bool, before: Trial | None) -> None:
+        """Make the folder, or take what the trial `before` in it has recorded of its start."""
         if goes_on and before is not None:
             self.trial = replace(self.trial, started=before.started)
         if goes_on:
@@ -215,7 +215,7 @@ class _Run:
                 self._learn(learning)
                 return
         if goes_on:
-            self._open_folder(goes_on=False)
+            self._open_folder(goes_on=False, before=Trial.find(self.folder))
             self._write()
         with contextlib.closing(self._learning()) as learning:
             self._learn(learning)
