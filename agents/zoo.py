@@ -74,7 +74,8 @@ def entry(algo: str) -> Entry:
 
     Raises:
         TypeError: what stands at "module:name" is neither an `Entry` nor a class with `learn` and `predict`.
-        ValueError: no algorithm has that name; the message says the closest name.
+        ValueError: no algorithm has that name (the message says the closest name), or the algorithm has no
+            network that the other one could replace.
     """
     if algo in ZOO:
         return ZOO[algo]
@@ -93,7 +94,8 @@ def _with_network(algo: str, network: str) -> Entry:
     row = entry(algo)
     if network not in NETWORKS:
         raise unknown("network", network, NETWORKS)
-    if row.policy is None:
+    # Where the policy is that for dictionaries, the row has a trunk for its own observations.
+    if row.policy is None or row.policy in MULTI_INPUT.values():
         raise ValueError(f"{algo} has no network that {network!r} could replace.")
     kept = {name: value for name, value in row.policy_kwargs.items() if name != "features_extractor_kwargs"}
     return replace(row, policy_kwargs=kept | {"features_extractor_class": NETWORKS[network], "net_arch": []})

@@ -166,6 +166,12 @@ def test_refuses_a_batch_that_does_not_divide_the_rollout() -> None:
         zoo.hyperparameters("ppo", "pp", {"batch_size": "100"})
 
 
+@pytest.mark.parametrize("algo", ["oracle", "belief"])
+def test_refuses_another_network_where_there_is_none_to_replace(algo: str) -> None:
+    with pytest.raises(ValueError, match=f"^{algo} has no network that 'residual' could replace.$"):
+        zoo.entry(f"{algo}+residual")
+
+
 def test_refuses_unknown_names() -> None:
     with pytest.raises(ValueError, match="unknown algorithm 'vgp' .did you mean 'vpg'"):
         zoo.hyperparameters("vgp", "pp", {})
