@@ -59,6 +59,8 @@ def test_table_holds_the_papers_hyperparameters() -> None:
     }
     assert zoo.hyperparameters("vpg", "fp", {})["gae_lambda"] == 0.95
     assert zoo.hyperparameters("vpg", "pp", {}, preset="spinup")["n_value_steps"] == 80
+    # The rewards of both versions are positive; the trials of the first, made under its later name, had this.
+    assert {zoo.hyperparameters("vpg", task)["initial_value"] for task in ("setup", "setup-v0")} == {140.0}
 
 
 def test_the_table_itself_is_within_the_ranges() -> None:
