@@ -192,7 +192,7 @@ class Setting:
             TypeError: If an argument has a wrong type.
             ValueError: If a value is not allowed.
         """
-        with _of_any_version():
+        with of_any_version():
             env = gym.make_vec(
                 self.row.env_id,
                 num_envs=num_envs,
@@ -208,7 +208,7 @@ class Setting:
         return self._registered().unwrapped
 
     def _registered(self, render_mode: str | None = None) -> gym.Env[Any, Any]:
-        with _of_any_version():
+        with of_any_version():
             return gym.make(self.row.env_id, render_mode=render_mode, **self._arguments())
 
     def _arguments(self) -> dict[str, Any]:
@@ -351,7 +351,7 @@ class Setting:
 
 
 @contextlib.contextmanager
-def _of_any_version() -> Iterator[None]:
+def of_any_version() -> Iterator[None]:
     """Keep Gymnasium from warning of an earlier version of a task, which is meant where it is named."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", ".*is out of date", DeprecationWarning)

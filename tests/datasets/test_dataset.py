@@ -123,6 +123,12 @@ def test_a_data_set_that_is_there_is_never_overwritten(place, capsys):
     assert before == {path: path.read_bytes() for path in place.rglob("*") if path.is_file()}
 
 
+@pytest.mark.filterwarnings("error:.*is out of date")
+def test_an_earlier_version_of_a_task_that_is_asked_for_is_no_mistake(place):
+    name, _ = minari_files.write("setup-v0", "random", 2)
+    assert minari.load_dataset(name).env_spec.id == "usbench/ImagingSetup-v0"
+
+
 @pytest.mark.parametrize("part", ["_compress", "card.text"])
 def test_a_data_set_that_is_broken_off_is_not_there_and_can_be_made_again(place, monkeypatch, part):
     with monkeypatch.context() as broken:

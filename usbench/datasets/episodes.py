@@ -14,7 +14,7 @@ from usbench.checks import ConfigurationError
 from usbench.coordinates import BY_NAME
 from usbench.envs.observation import senses
 from usbench.envs.observation.wrappers import ImageStack, NormalizeImage
-from usbench.setting import Setting
+from usbench.setting import Setting, of_any_version
 from usbench.trials.learning import make_agent
 from usbench.trials.model_loading import load_agent
 
@@ -118,7 +118,8 @@ def open_agent(name: str, setting: Setting, seed: int) -> tuple[Any, int]:
 
 def play(agent: Any, name: str, n_frames: int, setting: Setting, seeds: Sequence[int]) -> Iterator[Played]:
     """Yield an episode for each of `seeds`, played with greedy actions; the reward is the true one."""
-    envs = [_Watched(gym.make(setting.row.env_id, noise=setting.noise)) for _ in seeds[:AT_ONCE]]
+    with of_any_version():
+        envs = [_Watched(gym.make(setting.row.env_id, noise=setting.noise)) for _ in seeds[:AT_ONCE]]
     shown = [NormalizeImage(ImageStack(env, n_frames)) for env in envs]
     for start in range(0, len(seeds), AT_ONCE):
         episodes = [Played(name, int(seed)) for seed in seeds[start : start + AT_ONCE]]

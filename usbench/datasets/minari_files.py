@@ -20,7 +20,7 @@ from usbench.atomic import atomic_path, move_whole, scratch_folder
 from usbench.checks import ConfigurationError, check_seed, install, whole_number
 from usbench.datasets import card, episodes
 from usbench.datasets.episodes import Played
-from usbench.setting import Setting
+from usbench.setting import Setting, of_any_version
 
 # Where Minari looks for data sets; its own default is ~/.minari/datasets.
 PLACE = "MINARI_DATASETS_PATH"
@@ -164,7 +164,8 @@ def _create(name: str, played: Sequence[Played], setting: Setting, anchors: Anch
     import minari
 
     who = list(dict.fromkeys(episode.agent for episode in played))
-    env = gym.make(setting.row.env_id, noise=setting.noise)
+    with of_any_version():
+        env = gym.make(setting.row.env_id, noise=setting.noise)
     with warnings.catch_warnings():
         # Minari asks for an address and a link, which a data set that somebody makes at home has not.
         warnings.filterwarnings("ignore", "`(code_permalink|author_email)` is set to None")
