@@ -159,6 +159,15 @@ def test_records_of_an_agent_that_cannot_be_saved_are_kept(here, monkeypatch, ca
     assert run_trial(resolve("mine:Saving", "pp", steps=16), here / "runs").skipped
 
 
+@pytest.mark.parametrize("logger", ["None", "logging.getLogger('mine')"])
+def test_agent_has_the_logger_that_it_likes(here, monkeypatch, logger):
+    monkeypatch.syspath_prepend(here)
+    with (here / "mine.py").open("a") as file:
+        file.write(f"\n\nimport logging\n\n\nclass Logging(Counter):\n    logger = {logger}\n")
+    folder = run_trial(resolve("mine:Logging", "pp", steps=16), here / "runs").folder
+    assert read_state(folder)["status"] == "finished"
+
+
 def test_trial_that_ends_early_says_why_also_where_its_agent_cannot_be_saved(here, capsys, caplog):
     text = (here / "mine.py").read_text().replace("(total_timesteps):\n            a", "(40):\n            a")
     (here / "mine.py").write_text(text + SAVING.format(saves="raise TypeError('no way')"))
