@@ -198,6 +198,8 @@ def _with_senses(row: Entry) -> Entry:
     trunk = own.get("features_extractor_class", TRUNK["features_extractor_class"])
     own["features_extractor_class"] = "usbench.agents.sensing_trunk:SensingTrunk"
     own["features_extractor_kwargs"] = {**own.get("features_extractor_kwargs", {}), "trunk": trunk}
+    if row.policy == "CnnPolicy":  # it has no hidden layers by itself; SB3's policy for dictionaries has two
+        own.setdefault("net_arch", [])
     kwargs = {**row.kwargs, **row.kwargs_with_senses}
     return replace(row, policy=MULTI_INPUT[row.policy], policy_kwargs=own, kwargs=kwargs)
 
