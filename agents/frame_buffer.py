@@ -34,7 +34,16 @@ class FrameReplayBuffer(ReplayBuffer):
         n_envs: int = 1,
         **kwargs: Any,
     ) -> None:
-        """Takes SB3's arguments; `optimize_memory_usage` has no effect here."""
+        """Takes SB3's arguments.
+
+        Raises:
+            ValueError: `optimize_memory_usage` is True, which would save nothing here.
+        """
+        if kwargs.get("optimize_memory_usage"):
+            raise ValueError(
+                f"optimize_memory_usage must be False with a {type(self).__name__}, which keeps every frame "
+                "once anyway."
+            )
         parts: dict[str, Any] = {IMAGE: observation_space}
         if isinstance(observation_space, spaces.Dict):
             parts = observation_space.spaces

@@ -4,6 +4,7 @@ import importlib
 import inspect
 import json
 import math
+import warnings
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -30,6 +31,7 @@ __all__ = [
     "make",
     "model_class",
     "own_defaults",
+    "rollout_steps",
     "winners",
 ]
 
@@ -74,7 +76,8 @@ def entry(algo: str) -> Entry:
 
     Raises:
         TypeError: what stands at "module:name" is neither an `Entry` nor a class with `learn` and `predict`.
-        ValueError: no algorithm has that name; the message says the closest name.
+        ValueError: no algorithm has that name (the message says the closest name), or the algorithm has no
+            network that the other one could replace.
     """
     if algo in ZOO:
         return ZOO[algo]
@@ -93,7 +96,8 @@ def _with_network(algo: str, network: str) -> Entry:
     row = entry(algo)
     if network not in NETWORKS:
         raise unknown("network", network, NETWORKS)
-    if row.policy is None:
+    # Where the policy is that for dictionaries, the row has a trunk for its own observations.
+    if row.policy is None or row.policy in MULTI_INPUT.values():
         raise ValueError(f"{algo} has no network that {network!r} could replace.")
     kept = {name: value for name, value in row.policy_kwargs.items() if name != "features_extractor_kwargs"}
     return replace(row, policy_kwargs=kept | {"features_extractor_class": NETWORKS[network], "net_arch": []})
@@ -138,12 +142,25 @@ def hyperparameters(
             raise unknown(f"hyperparameter of {algo}", name, sorted(row.hyperparameters.keys() & RANGES))
     if preset is not None and preset not in row.presets:
         raise unknown(f"preset of {algo}", preset, row.presets)
-    if merged.get("n_steps", 0) % merged.get("batch_size", 1):
+    if rollout_steps(algo, merged) % int(merged.get("batch_size", 1)):
         raise ValueError(
             f"n_steps must be a multiple of batch_size, which {merged['n_steps']} is not "
             f"of {merged['batch_size']}."
         )
     return merged
+
+
+def rollout_steps(algo: str, hyperparameters: Mapping[str, Value]) -> int:
+    """The steps of a rollout, of all environments, 0 where no hyperparameter says it.
+
+    The `n_steps` of an off-policy algorithm are those of its returns.
+    """
+    n_steps = int(hyperparameters.get("n_steps", 0))
+    if not n_steps or algo in ZOO:
+        return n_steps
+    from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+
+    return 0 if issubclass(model_class(algo), OffPolicyAlgorithm) else n_steps
 
 
 def own_defaults(algo: str) -> dict[str, int]:
@@ -184,8 +201,33 @@ def make(algo: str, env: Any, seed: int, hyperparameters: Mapping[str, Value], *
     policy = _resolved(kwargs.pop("policy", row.policy))
     fixed = {**({"policy_kwargs": row.policy_kwargs} if row.policy_kwargs else {}), **row.kwargs}
     kwargs = {**{name: _resolved(value) for name, value in fixed.items()}, **kwargs}
-    shared = _shared(hyperparameters, getattr(env, "num_envs", 1))
-    return model_class(algo)(policy, env, seed=check_seed(seed), **shared, **kwargs)
+    shared = _shared(algo, hyperparameters, getattr(env, "num_envs", 1))
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", ".n_steps=.* is ignored", UserWarning)  # see `_with_n_steps`
+        model = model_class(algo)(policy, env, seed=check_seed(seed), **shared, **kwargs)
+    return _with_n_steps(model)
+
+
+def _with_n_steps(model: Any) -> Any:
+    """The model with a buffer for its n-step returns, which SB3 drops where it is given a replay buffer."""
+    if getattr(model, "n_steps", 1) == 1 or not hasattr(model, "replay_buffer_class"):
+        return model
+    from usbench.agents.frame_buffer import FrameReplayBuffer
+    from usbench.agents.value_based.n_step_buffer import NStepFrameBuffer
+
+    if model.replay_buffer_class is FrameReplayBuffer:
+        model.replay_buffer_class = NStepFrameBuffer
+        model.replay_buffer = NStepFrameBuffer(
+            model.buffer_size,
+            model.observation_space,
+            model.action_space,
+            model.device,
+            model.n_envs,
+            n_steps=model.n_steps,
+            gamma=model.gamma,
+            **model.replay_buffer_kwargs,
+        )
+    return model
 
 
 def _with_senses(row: Entry) -> Entry:
@@ -196,21 +238,22 @@ def _with_senses(row: Entry) -> Entry:
     trunk = own.get("features_extractor_class", TRUNK["features_extractor_class"])
     own["features_extractor_class"] = "usbench.agents.sensing_trunk:SensingTrunk"
     own["features_extractor_kwargs"] = {**own.get("features_extractor_kwargs", {}), "trunk": trunk}
+    if row.policy == "CnnPolicy":  # it has no hidden layers by itself; SB3's policy for dictionaries has two
+        own.setdefault("net_arch", [])
     kwargs = {**row.kwargs, **row.kwargs_with_senses}
     return replace(row, policy=MULTI_INPUT[row.policy], policy_kwargs=own, kwargs=kwargs)
 
 
-def _shared(hyperparameters: Mapping[str, Value], n_envs: int) -> dict[str, Value]:
+def _shared(algo: str, hyperparameters: Mapping[str, Value], n_envs: int) -> dict[str, Value]:
     """The hyperparameters that Stable-Baselines3 counts per environment, shared out among `n_envs`.
 
     Updates per step stay as they are: less often, or more at a time.
     """
     shared = dict(hyperparameters)
-    if "n_steps" in shared:
-        n_steps, rest = divmod(int(shared["n_steps"]), n_envs)
-        if rest:
-            raise ValueError(f"n_steps must be a multiple of {n_envs} environments, not {shared['n_steps']}.")
-        shared["n_steps"] = n_steps
+    if rollout := rollout_steps(algo, hyperparameters):
+        if rollout % n_envs:
+            raise ValueError(f"n_steps must be a multiple of {n_envs} environments, not {rollout}.")
+        shared["n_steps"] = rollout // n_envs
     if "gradient_steps" in shared:
         train_freq = int(shared.get("train_freq", 1))
         common = math.gcd(train_freq, n_envs)

@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from usbench.atomic import atomic_file, remove_leftovers
+from usbench.atomic import atomic_file, move_whole, remove_leftovers, scratch_folder
 
 
 def test_failed_write_leaves_the_old_file_and_no_leftover(tmp_path):
@@ -16,6 +16,23 @@ def test_failed_write_leaves_the_old_file_and_no_leftover(tmp_path):
         raise RuntimeError
     assert path.read_bytes() == b"old"
     assert os.listdir(tmp_path) == ["file"]
+
+
+def test_scratch_folder_is_gone_afterwards_and_what_was_moved_stays(tmp_path):
+    with pytest.raises(RuntimeError), scratch_folder(tmp_path / "model") as scratch:
+        (scratch / "model.a").write_bytes(b"whole")
+        (scratch / "model.b").write_bytes(b"half")
+        move_whole(scratch / "model.a", tmp_path / "model.a")
+        raise RuntimeError
+    assert os.listdir(tmp_path) == ["model.a"]
+
+
+def test_folder_is_moved_in_place_of_a_folder(tmp_path):
+    for name in ("old", "new"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / name).touch()
+    move_whole(tmp_path / "new", tmp_path / "old")
+    assert os.listdir(tmp_path) == ["old"] and os.listdir(tmp_path / "old") == ["new"]
 
 
 def test_written_file_has_the_usual_permissions(tmp_path):

@@ -2,6 +2,8 @@
 
 import ast
 import math
+import reprlib
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -50,6 +52,10 @@ def test_intervals_are_open_or_closed():
         (lambda: checks.probability("noise", 1.5), "noise must be a probability in [0, 1], not 1.5."),
         (lambda: checks.whole_number("x", 2.5), "x must be a whole number, not 2.5."),
         (lambda: checks.whole_number("x", 0, low=1), "x must be a whole number from 1, not 0."),
+        (
+            lambda: checks.whole_number("x", Fraction(10**400, 3)),
+            "x must be a whole number, not " + reprlib.repr(Fraction(10**400, 3)) + ".",
+        ),
         (lambda: checks.whole_number("x", 9, 1, 4), "x must be a whole number in [1, 4], not 9."),
     ],
 )

@@ -3,6 +3,7 @@
 import contextlib
 import glob
 import os
+import shutil
 import tempfile
 import time
 from collections.abc import Iterator
@@ -22,8 +23,7 @@ def atomic_path(path: Path) -> Iterator[Path]:
     temporary = Path(name)
     try:
         yield temporary
-        with temporary.open("rb+") as file:
-            os.fsync(file.fileno())
+        _sync(temporary)
         temporary.chmod(0o666 & ~_umask())
         temporary.replace(path)
     except BaseException:
@@ -39,12 +39,41 @@ def atomic_file(path: Path) -> Iterator[IO[bytes]]:
         yield file
 
 
+@contextlib.contextmanager
+def scratch_folder(path: Path) -> Iterator[Path]:
+    """Yield an empty folder beside `path`, from which whole files can be moved there; it is gone afterwards.
+
+    The folder is for writers that choose the names of their files themselves.
+    """
+    remove_leftovers(path.parent, f".{glob.escape(path.name)}.*.part", LEFT_BEHIND_S)
+    folder = Path(tempfile.mkdtemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part"))
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def move_whole(source: Path, path: Path) -> None:
+    """Move a file or a folder to `path`, in place of what is there; a file is on the disk by then."""
+    if path.is_dir():
+        shutil.rmtree(path)
+    if source.is_file():
+        _sync(source)
+    source.replace(path)
+
+
 def remove_leftovers(folder: Path, pattern: str = ".*.part", older_s: float = 0.0) -> None:
     """Remove what killed writers left in `folder`, except what changed in the last `older_s` seconds."""
     for path in folder.glob(pattern):
         with contextlib.suppress(OSError):
             if time.time() - path.stat().st_mtime >= older_s:
-                path.unlink()
+                shutil.rmtree(path) if path.is_dir() else path.unlink()
+
+
+def _sync(path: Path) -> None:
+    """Wait until a file is safe on the disk."""
+    with path.open("rb+") as file:
+        os.fsync(file.fileno())
 
 
 def _umask() -> int:

@@ -131,8 +131,8 @@ def whole_number(name: str, value: Any, low: float = -math.inf, high: float = ma
         return value
     if isinstance(value, bool) or not isinstance(value, numbers.Real):
         raise TypeError(_refused(name, value, whole_interval(low, high)))
-    is_whole = isinstance(value, numbers.Integral) or float(value).is_integer()  # false for nan and inf
     found: Any = value
+    is_whole = abs(found) < math.inf and found == int(found)  # false for nan
     if not is_whole or not low <= found <= high:
         raise ValueError(_refused(name, value, whole_interval(low, high)))
     return int(found)

@@ -28,6 +28,7 @@ COMPARED: dict[str, Entry] = {
             "fp-random": {"gae_lambda": 0.95},
             # What the random agent would collect without end, at 1.4 per step.
             "setup": {"initial_value": 140.0},
+            "setup-v0": {"initial_value": 140.0},
         },
         presets={"spinup": {"n_value_steps": 80}},
     ),

@@ -77,6 +77,8 @@ def _csv(path: Path) -> dict[str, npt.NDArray[np.float64]]:
         raise ValueError("it is empty.") from None
     except (pd.errors.ParserError, UnicodeDecodeError) as error:
         raise ValueError(f"it is no table of numbers ({' '.join(str(error).split())}).") from error
+    if not isinstance(table.index, pd.RangeIndex):  # what pandas makes of values without a name
+        raise ValueError(f"its lines have more values than its header has names ({len(table.columns)}).")
     table.columns = [str(name).strip() for name in table.columns]
     chosen = _chosen(list(table.columns))
     return {name: pd.to_numeric(table[name], errors="coerce").to_numpy(np.float64) for name in chosen}
@@ -85,13 +87,25 @@ def _csv(path: Path) -> dict[str, npt.NDArray[np.float64]]:
 def _npz(path: Path) -> dict[str, npt.NDArray[np.float64]]:
     try:
         with np.load(path, allow_pickle=False) as arrays:
-            found = {name: np.asarray(arrays[name], np.float64) for name in _chosen(arrays.files)}
+            found = {name: real(name, arrays[name]) for name in _chosen(arrays.files)}
     except (zipfile.BadZipFile, EOFError, TypeError) as error:
         raise ValueError(f"it is no file of arrays ({error}).") from error
     shapes = {array.shape for array in found.values()}
     if len(shapes) > 1 or len(next(iter(shapes))) != 1:
         raise ValueError(f"its arrays must have one shape (n,), not {', '.join(map(str, sorted(shapes)))}.")
     return found
+
+
+def real(name: str, values: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    """Return a new array of `values`.
+
+    Raises:
+        ValueError: If they are not real numbers: complex ones would lose a part, and texts are none.
+    """
+    array = np.asarray(values)
+    if array.dtype.kind not in "biuf":
+        raise ValueError(f"{name} must be real numbers, not {array.dtype}.")
+    return array.astype(np.float64)
 
 
 def _count_npz(path: Path) -> int:

@@ -49,11 +49,11 @@ class PointScatterers:
         """Hold copies of the values.
 
         Raises:
-            ValueError: If shapes do not fit, there is no scatterer, a value is not finite, or a scatterer
-                does not lie below the surface and within 0.5 m.
+            ValueError: If shapes do not fit, there is no scatterer, a value is not a finite real number, or a
+                scatterer does not lie below the surface and within 0.5 m.
         """
-        self.positions = np.array(positions, dtype=np.float64)
-        self.amplitudes = np.array(amplitudes, dtype=np.float64)
+        self.positions = point_file.real("positions", positions)
+        self.amplitudes = point_file.real("amplitudes", amplitudes)
         self.attenuation_db_per_cm_mhz = non_negative("attenuation_db_per_cm_mhz", attenuation_db_per_cm_mhz)
         self.label = label
         if self.positions.ndim != 2 or self.positions.shape[1] != 3 or not len(self.positions):

@@ -83,3 +83,9 @@ def test_state_of_a_larger_buffer_is_refused():
     state = filled(FrameReplayBuffer(50, STACKS, ACTIONS, "cpu"), 40).state()
     with pytest.raises(ValueError):
         FrameReplayBuffer(20, STACKS, ACTIONS, "cpu").put_back(state)
+
+
+@pytest.mark.parametrize("kwargs", [{}, {"handle_timeout_termination": False}])
+def test_refuses_to_save_memory_as_sb3_does(kwargs):
+    with pytest.raises(ValueError, match="^optimize_memory_usage must be False with a FrameReplayBuffer"):
+        FrameReplayBuffer(8, STACKS, ACTIONS, optimize_memory_usage=True, **kwargs)

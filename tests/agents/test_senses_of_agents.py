@@ -1,5 +1,6 @@
 """Agents that are told something beside the image: every algorithm learns, and senses and image are mixed."""
 
+from dataclasses import replace
 from typing import Any
 
 import gymnasium as gym
@@ -61,6 +62,18 @@ class Opposites(gym.Env[dict[str, np.ndarray], int]):
 def make(algo: str, seed: int = 3, **overrides: Any) -> Any:
     settings = zoo.hyperparameters(algo, "pp", SMALL[algo] | overrides)
     return zoo.make(algo, DummyVecEnv([Opposites]), seed, settings, device="cpu", verbose=0)
+
+
+@pytest.mark.parametrize("algo", ["vpg", "a2c", "ppo", "dqn"])
+def test_senses_add_no_hidden_layers_behind_the_trunk(algo: str) -> None:
+    assert make(algo).policy.net_arch == []
+
+
+def test_hidden_layers_of_ones_own_row_are_kept_with_senses(monkeypatch: pytest.MonkeyPatch) -> None:
+    for policy in ("CnnPolicy", "MlpPolicy"):
+        row = replace(zoo.ZOO["vpg"], policy=policy, policy_kwargs={"net_arch": [32]})
+        monkeypatch.setitem(zoo.ZOO, "vpg", row)
+        assert make("vpg").policy.net_arch == [32]
 
 
 def weights(model: Any) -> torch.Tensor:

@@ -1,11 +1,14 @@
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import pytest
+import stable_baselines3
+from stable_baselines3.common.vec_env import DummyVecEnv
 
 from usbench.agents import zoo
 from usbench.agents.baselines import Oracle, Random, Stay
@@ -59,6 +62,8 @@ def test_table_holds_the_papers_hyperparameters() -> None:
     }
     assert zoo.hyperparameters("vpg", "fp", {})["gae_lambda"] == 0.95
     assert zoo.hyperparameters("vpg", "pp", {}, preset="spinup")["n_value_steps"] == 80
+    # The rewards of both versions are positive; the trials of the first, made under its later name, had this.
+    assert {zoo.hyperparameters("vpg", task)["initial_value"] for task in ("setup", "setup-v0")} == {140.0}
 
 
 def test_the_table_itself_is_within_the_ranges() -> None:
@@ -166,6 +171,12 @@ def test_refuses_a_batch_that_does_not_divide_the_rollout() -> None:
         zoo.hyperparameters("ppo", "pp", {"batch_size": "100"})
 
 
+@pytest.mark.parametrize("algo", ["oracle", "belief"])
+def test_refuses_another_network_where_there_is_none_to_replace(algo: str) -> None:
+    with pytest.raises(ValueError, match=f"^{algo} has no network that 'residual' could replace.$"):
+        zoo.entry(f"{algo}+residual")
+
+
 def test_refuses_unknown_names() -> None:
     with pytest.raises(ValueError, match="unknown algorithm 'vgp' .did you mean 'vpg'"):
         zoo.hyperparameters("vgp", "pp", {})
@@ -205,6 +216,41 @@ def test_an_sb3_algorithm_is_one_more_row(monkeypatch: pytest.MonkeyPatch) -> No
     model = zoo.make("mine", Noise(), 0, merged, device="cpu").learn(32)
     assert model.gamma == 0.5
     assert any(type(module).__name__ == "ConvTrunk" for module in model.policy.modules())
+
+
+class ThreeSteps(stable_baselines3.DQN):
+    """A class from outside that sets its returns itself."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, n_steps=3, **kwargs)
+
+
+def rewards_of(model: Any) -> set[float]:
+    """The returns that a model samples after four rewards of 1, 10, 100, 1000 in an endless episode."""
+    image = np.zeros((1, 8, 8, 2), np.float32)
+    for reward in (1, 10, 100, 1000):
+        action, done = np.zeros(1, int), np.zeros(1)
+        model.replay_buffer.add(image, image, action, np.array([reward]), done, [{}])
+    return set(model.replay_buffer.sample(200).rewards.flatten().tolist())
+
+
+def test_n_step_returns_of_a_class_from_outside_are_learned_from(monkeypatch: pytest.MonkeyPatch) -> None:
+    place = "three:ThreeSteps"
+    monkeypatch.setitem(sys.modules, "three", sys.modules[__name__])
+    model = zoo.make(place, Noise(), 0, {}, device="cpu", gamma=0.5)
+    assert rewards_of(model) == {1 + 5 + 25, 10 + 50 + 250, 100 + 500, 1000}
+    model.learn(8)
+
+
+def test_n_steps_of_returns_are_neither_shared_out_nor_multiples_of_a_batch(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    row = replace(zoo.ZOO["dqn"], hyperparameters={"n_steps": 3, "batch_size": 32, "gamma": 0.5})
+    monkeypatch.setattr(sys.modules[__name__], "ROW", row, raising=False)
+    monkeypatch.setitem(sys.modules, "three", sys.modules[__name__])
+    hyperparameters = zoo.hyperparameters("three:ROW", "pp")
+    model = zoo.make("three:ROW", DummyVecEnv([Noise, Noise]), 0, hyperparameters, device="cpu")
+    assert model.n_steps == model.replay_buffer.n_steps == 3
 
 
 def test_listing_the_table_does_not_import_torch() -> None:

@@ -130,6 +130,33 @@ def test_a_data_set_that_is_there_is_never_overwritten(place, capsys):
     assert before == {path: path.read_bytes() for path in place.rglob("*") if path.is_file()}
 
 
+@pytest.mark.filterwarnings("error:.*is out of date")
+def test_an_earlier_version_of_a_task_that_is_asked_for_is_no_mistake(place):
+    name, _ = minari_files.write("setup-v0", "random", 2)
+    assert minari.load_dataset(name).env_spec.id == "usbench/ImagingSetup-v0"
+
+
+@pytest.mark.parametrize("part", ["_compress", "card.text"])
+def test_a_data_set_that_is_broken_off_is_not_there_and_can_be_made_again(place, monkeypatch, part):
+    with monkeypatch.context() as broken:
+        broken.setattr(f"usbench.datasets.minari_files.{part}", lambda *_: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            minari_files.write("pp", "random", 2)
+    assert minari.list_local_datasets() == {}
+    assert [path for path in place.rglob("*") if path.is_file()] == []
+    name, _ = minari_files.write("pp", "random", 2)
+    assert list(minari.list_local_datasets()) == [name]
+    assert minari.load_dataset(name).total_episodes == 2
+
+
+def test_minari_passes_over_what_a_killed_process_left(place):
+    left = place / "usbench" / "pp" / ".random-v0.abc.part" / "usbench" / "pp" / "random-v0" / "data"
+    left.mkdir(parents=True)
+    name, folder = minari_files.write("pp", "random", 2)
+    assert list(minari.list_local_datasets()) == [name]
+    assert minari.namespace.list_local_namespaces() == ["usbench/pp"]
+
+
 def test_without_minari_one_sentence_says_what_to_install(monkeypatch):
     monkeypatch.setattr("usbench.datasets.minari_files.find_spec", lambda _: None)
     with pytest.raises(ConfigurationError, match=r"pip install 'usbench\[minari\]' \(in a clone"):

@@ -1,6 +1,7 @@
 """Trials that learn in many environments in step: what they record, and how they go on after a kill."""
 
 import dataclasses
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -30,6 +31,9 @@ def test_row_says_how_many_environments_and_a_budget_that_they_share_evenly():
     assert resolve("double_dqn", "pp-tracked").n_envs == zoo.ZOO["double_dqn"].n_envs == 32
     assert resolve("double_dqn", "pp-tracked", steps=100).n_envs == 4
     assert resolve("dqn", "pp").n_envs == 1
+    short = {"n_steps": 8, "batch_size": 8}
+    assert zoo.ZOO["ppo_asymmetric"].n_envs == 16
+    assert resolve("ppo_asymmetric", "pp-tracked", overrides=short).n_envs == 8
 
 
 @pytest.mark.parametrize(
@@ -39,12 +43,15 @@ def test_row_says_how_many_environments_and_a_budget_that_they_share_evenly():
         ("dqn", 2.5, "n_envs must be a whole number in .1, 1024., not 2.5"),
         ("dqn", "many", "n_envs must be a whole number in .1, 1024., not 'many'"),
         ("dqn", 3, r"steps must be a multiple of n_envs \(3\), not 64"),
+        ("ppo", 8, r"n_steps must be a multiple of n_envs \(8\), not 36"),
+        ("dqn", Fraction(10**400, 3), "n_envs must be a whole number in .1, 1024., not Fraction"),
         ("random", 2, "n_envs must be 1 for an agent that is not Stable-Baselines3's, not 2"),
     ],
 )
 def test_refuses_numbers_of_environments_that_cannot_be(algo, n_envs, words):
     with pytest.raises(ConfigurationError, match=words):
-        resolve(algo, "pp", steps=64, n_envs=n_envs)
+        overrides = {"n_steps": 36, "batch_size": 6} if algo == "ppo" else {}
+        resolve(algo, "pp", steps=64, n_envs=n_envs, overrides=overrides)
 
 
 @pytest.mark.parametrize("algo", ["double_dqn", "ppo"])

@@ -13,7 +13,9 @@ from usbench import cli, records
 from usbench.agents import plugins, zoo
 from usbench.envs.pose import Pose
 from usbench.envs.tasks.examination import EXAMINATION
+from usbench.trials.configuration import resolve
 from usbench.trials.model_loading import load_agent
+from usbench.trials.runner import run_trial
 
 PAGE = Path(__file__).parents[2] / "docs" / "extending.md"
 SHORT = ["--task", "pp", "--steps", "64", "--quiet"]
@@ -112,6 +114,67 @@ def test_entry_point_gives_a_plain_name(here, monkeypatch, capsys):
     assert "-counter-s0-" in the_trial(here).name
     assert cli.main(["run", "--algo", "countr", *SHORT]) == 2
     assert "'counter'" in capsys.readouterr().err
+
+
+SAVING = """
+
+class Saving(Counter):
+    def save(self, path):
+        {saves}
+"""
+
+
+def run_saving(here, saves):
+    """The folder of a finished trial of an agent that saves so, and the files of its model."""
+    with (here / "mine.py").open("a") as file:
+        file.write(SAVING.format(saves=saves))
+    folder = run_trial(resolve("mine:Saving", "pp", steps=16), here / "runs").folder
+    of_trial = {records.TRIAL, records.EPISODES, records.EVALUATIONS}
+    return folder, {path.name for path in folder.iterdir()} - of_trial
+
+
+@pytest.mark.parametrize(
+    ("saves", "name"),
+    [
+        ("np.savez(path, weights=np.arange(3))", "model.zip.npz"),
+        ("path.with_name('model.zip.zip').write_bytes(b'weights')", "model.zip.zip"),
+        ("path.mkdir(); (path / 'weights').write_bytes(b'0')", "model.zip"),
+    ],
+)
+def test_model_is_kept_whatever_suffix_its_save_adds(here, monkeypatch, saves, name):
+    monkeypatch.syspath_prepend(here)
+    folder, files = run_saving(here, saves)
+    assert files == {name}
+    kept = folder / name
+    assert any(kept.iterdir()) if kept.is_dir() else kept.stat().st_size > 0
+
+
+def test_records_of_an_agent_that_cannot_be_saved_are_kept(here, monkeypatch, caplog):
+    monkeypatch.syspath_prepend(here)
+    folder, files = run_saving(here, "path.write_bytes(b'half'); raise TypeError('no\\nway')")
+    assert files == set()
+    assert read_state(folder)["status"] == "finished" and len(records.load(folder, "episodes")) == 1
+    assert f"the trial {folder.name} has no model: Saving.save failed (TypeError: no way)" in caplog.text
+    # Nothing is trained again.
+    assert run_trial(resolve("mine:Saving", "pp", steps=16), here / "runs").skipped
+
+
+@pytest.mark.parametrize("logger", ["None", "logging.getLogger('mine')"])
+def test_agent_has_the_logger_that_it_likes(here, monkeypatch, logger):
+    monkeypatch.syspath_prepend(here)
+    with (here / "mine.py").open("a") as file:
+        file.write(f"\n\nimport logging\n\n\nclass Logging(Counter):\n    logger = {logger}\n")
+    folder = run_trial(resolve("mine:Logging", "pp", steps=16), here / "runs").folder
+    assert read_state(folder)["status"] == "finished"
+
+
+def test_trial_that_ends_early_says_why_also_where_its_agent_cannot_be_saved(here, capsys, caplog):
+    text = (here / "mine.py").read_text().replace("(total_timesteps):\n            a", "(40):\n            a")
+    (here / "mine.py").write_text(text + SAVING.format(saves="raise TypeError('no way')"))
+    assert cli.main(["run", "--algo", "mine:Saving", *SHORT]) == 1
+    assert "made 40 training steps instead of 64" in capsys.readouterr().err
+    assert "Saving.save failed" in caplog.text
+    assert read_state(the_trial(here))["status"] == "failed"
 
 
 def test_steps_that_are_not_the_budget_fail_the_trial(here, capsys):

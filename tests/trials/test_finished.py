@@ -165,6 +165,19 @@ def test_single_trial_and_table_are_refused_too(finished):
             read()
 
 
+@pytest.mark.parametrize(("name", "damage"), [(records.TRIAL, halve), (records.EPISODES, change)])
+def test_damaged_trial_is_overwritten_where_asked(finished, name, damage):
+    bits = trials.bits(finished)
+    damage(finished / name)
+    kept = (finished / name).read_bytes()
+    out = str(finished.parent)
+    argv = ["run", "--algo", "vpg", "--task", "pp", "--noise", "0.5", "--steps", "128", "--out", out]
+    assert cli.main([*argv, "--quiet"]) == 1
+    assert cli.main([*argv, "--quiet", "--overwrite"]) == 0
+    assert trials.bits(finished) == bits
+    assert (finished.parent / f"{finished.name}.earlier-1" / name).read_bytes() == kept
+
+
 def test_comparison_says_it_and_runs_the_rest(finished, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(sweep.run.__kwdefaults__, "executor", lambda: ThreadPoolExecutor(1))

@@ -227,7 +227,13 @@ def test_terminal_shows_colour_blocks_and_words(finished, without_waiting):
     console = Console(file=io.StringIO(), force_terminal=True, width=100, height=30, color_system="truecolor")
     terminal.show(selection.choose(finished, [0]), console)
     shown = console.file.getvalue()
-    for words in ("step 16/16", "optimum in this episode", "advice (probability of the action): ", "▀", "38;2;"):
+    for words in (
+        "step 16/16",
+        "optimum in this episode",
+        "advice (probability of the action): ",
+        "▀",
+        "38;2;",
+    ):
         assert words in shown
 
 

@@ -122,7 +122,7 @@ def _call(args: argparse.Namespace) -> None:
     from usbench.watch import replay
 
     progress: callback.Progress = callback.Silent() if args.quiet else trial_output.Bars()
-    follow = args.wandb and (args.overwrite or trial is None or trial.status != "finished")
+    follow = args.wandb and (trial is None or trial.status != "finished")
     try:
         with wandb_run.followed(config) if follow else contextlib.nullcontext():
             result = runner.run_trial(
@@ -144,7 +144,7 @@ def _call(args: argparse.Namespace) -> None:
 
 
 def _begin(config: TrialConfig, args: argparse.Namespace) -> Trial | None:
-    """Say what is going to be done, within a second; return the trial as it stands, None if there is none.
+    """Say what is going to be done, within a second; return the trial that stands there, if one is to stay.
 
     Raises:
         ConfigurationError: If the folder for trials cannot be written.
@@ -155,8 +155,9 @@ def _begin(config: TrialConfig, args: argparse.Namespace) -> Trial | None:
         args.out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise records.unwritable(args.out, error) from error
-    trial = records.Trial.find(args.out / config.folder_name)
-    if not args.quiet and (args.overwrite or trial is None or trial.status != "finished"):
+    # What is overwritten is not read: it may be damaged.
+    trial = None if args.overwrite else records.Trial.find(args.out / config.folder_name)
+    if not args.quiet and (trial is None or trial.status != "finished"):
         where = f" on {config.phantom_set}" if config.phantom_set else ""
         how = f"{config.steps} training steps{where}" if config.steps else "evaluation alone"
         told = f"{config.title}: {how}; frames that are not kept are simulated first"

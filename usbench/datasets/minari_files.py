@@ -2,7 +2,6 @@
 
 import contextlib
 import os
-import shutil
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
@@ -17,7 +16,7 @@ import numpy.typing as npt
 
 from usbench import records
 from usbench.anchors import Anchors
-from usbench.atomic import atomic_file, atomic_path
+from usbench.atomic import atomic_path, move_whole, scratch_folder
 from usbench.checks import ConfigurationError, check_seed, install, whole_number
 from usbench.datasets import card, episodes
 from usbench.datasets.episodes import Played
@@ -60,7 +59,8 @@ def write(
         tell: Told in words what is being done, and for how long.
 
     Returns:
-        The name by which `minari.load_dataset` finds the data set, and its folder.
+        The name by which `minari.load_dataset` finds the data set, and its folder, which is there whole or
+        not at all.
 
     Raises:
         ConfigurationError: If a value is not allowed, the data set is there already, or Minari is missing.
@@ -71,17 +71,29 @@ def write(
         n_episodes, seed = whole_number("episodes", n_episodes, 1, MAX_EPISODES), check_seed(seed)
     except (TypeError, ValueError) as error:
         raise ConfigurationError(str(error)) from error
+    name = dataset_name(setting, agent)
     with _place(out):
-        name = dataset_name(setting, agent)
         folder = _new_folder(name)
-        setting, played = _played(setting, agent, n_episodes, seed, tell)
-        tell("writing the data set")
-        anchors = setting.anchors()
-        _create(name, played, setting, anchors)
-    text = card.text(name, setting, agent, anchors, played, seed, size_bytes(folder))
-    with atomic_file(folder / CARD) as file:
-        file.write(text.encode())
+    setting, played = _played(setting, agent, n_episodes, seed, tell)
+    tell("writing the data set")
+    anchors = setting.anchors()
+    # Its name begins with a dot, so that Minari passes over what a killed process leaves.
+    with scratch_folder(folder) as scratch:
+        with _place(scratch):
+            _create(name, played, setting, anchors)
+        made = scratch / name
+        text = card.text(name, setting, agent, anchors, played, seed, size_bytes(made))
+        (made / CARD).write_bytes(text.encode())
+        _publish(made, folder)
     return name, folder
+
+
+def _publish(made: Path, folder: Path) -> None:
+    """Move a data set to its `folder`, after the files that Minari keeps of its namespace."""
+    for path in made.parent.iterdir():
+        if path.is_file() and not (folder.parent / path.name).exists():
+            move_whole(path, folder.parent / path.name)
+    move_whole(made, folder)
 
 
 def dataset_name(setting: Setting, agent: str) -> str:
@@ -118,8 +130,6 @@ def _new_folder(name: str) -> Path:
         folder.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise records.unwritable(folder, error) from error
-    if folder.exists():  # what a broken off attempt has left
-        shutil.rmtree(folder)
     return folder
 
 

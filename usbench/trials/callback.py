@@ -7,6 +7,7 @@ from typing import Any, Protocol
 
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.logger import Logger
 
 from usbench.records import Episode
 from usbench.records.journal import Journal
@@ -136,7 +137,9 @@ class TrainingWatch(BaseCallback):
         if not reached:
             return
         self._due = self._due[len(reached) :]
-        logged = self._steps > 0 and hasattr(agent, "logger")
+        # An agent of another package may have a logger of any kind.
+        logger = getattr(agent, "logger", None) if self._steps > 0 else None
+        logger = logger if isinstance(logger, Logger) else None
         start = time.process_time()
         rows = []
         for deterministic in (False, True):
@@ -145,16 +148,16 @@ class TrainingWatch(BaseCallback):
             )
             rows += [episode.as_row() for episode in played]
             mean = sum(episode.return_ for episode in played) / len(played)
-            if logged:
+            if logger is not None:
                 mode = "deterministic" if deterministic else "stochastic"
-                agent.logger.record(f"evaluation/return_{mode}", mean)
-                agent.logger.record(f"evaluation/normalized_score_{mode}", self._score(mean))
+                logger.record(f"evaluation/return_{mode}", mean)
+                logger.record(f"evaluation/normalized_score_{mode}", self._score(mean))
             if deterministic:
                 self._progress.evaluated(step, mean, self._score(mean))
-        if logged and isinstance(agent, BaseAlgorithm):
+        if logger is not None and isinstance(agent, BaseAlgorithm):
             tensorboard.evaluated(agent, played)
-        if logged:
-            agent.logger.dump(step)
+        if logger is not None:
+            logger.dump(step)
         self._evaluations.append(rows)
         self.seconds += time.process_time() - start
 

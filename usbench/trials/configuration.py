@@ -55,13 +55,16 @@ def resolve(
             hyperparameters["buffer_size"] = max(int(hyperparameters["buffer_size"]), met.row.steps)
         seed = check_seed(seed)
         steps = whole_number("steps", met.row.steps if steps is None else steps, low=1)
-        # Of the row's number, so many that they share the steps evenly.
-        n_envs = math.gcd(entry.n_envs, steps) if n_envs is None else n_envs
+        rollout = zoo.rollout_steps(algo, hyperparameters)
+        # Of the row's number, so many that they share the steps and each rollout evenly.
+        n_envs = math.gcd(entry.n_envs, steps, rollout) if n_envs is None else n_envs
         n_envs = whole_number("n_envs", n_envs, 1, MAX_ENVS)
         if n_envs > 1 and entry.policy is None:
             raise ValueError(f"n_envs must be 1 for an agent that is not Stable-Baselines3's, not {n_envs}.")
         if steps % n_envs:
             raise ValueError(f"steps must be a multiple of n_envs ({n_envs}), not {steps}.")
+        if rollout % n_envs:
+            raise ValueError(f"n_steps must be a multiple of n_envs ({n_envs}), not {rollout}.")
     except (ValueError, TypeError) as error:
         raise ConfigurationError(str(error)) from error
     return TrialConfig(

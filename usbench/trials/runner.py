@@ -17,7 +17,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 
 from usbench import records, suite
 from usbench.agents import zoo
-from usbench.atomic import atomic_path
+from usbench.atomic import move_whole, scratch_folder
 from usbench.records import Trial, TrialConfig, checksums
 from usbench.setting import Setting
 from usbench.trials import rehearsal
@@ -75,7 +75,7 @@ def run_trial(
         ConfigurationError: If `out` cannot be written.
         KeyboardInterrupt: After the state was kept; the status is then "interrupted".
         TrialError: If anything goes wrong while running; the status is then "failed" with the reason.
-        ValueError: If the records of the trial in `out` are damaged.
+        ValueError: If the records of the trial in `out` are damaged, unless `overwrite`.
     """
     folder, seconds = out / config.folder_name, interval()
     finished = None if overwrite else find_finished(config, out)
@@ -150,7 +150,8 @@ class _Run:
     def run(self, *, anew: bool, rehearse: bool) -> None:
         """Do everything, and leave the true status behind whatever happens."""
         goes_on = not anew and bool(self.resume_files.paths())
-        self._open_folder(goes_on)
+        # What is overwritten is not read: it may be damaged.
+        self._open_folder(goes_on, before=None if anew else Trial.find(self.folder))
         try:
             self._write()
             with self.stopwatch.timed("total_s"):
@@ -159,21 +160,20 @@ class _Run:
                     self._rehearse()
                 self._train_and_evaluate(goes_on)
                 self._write(references={name: self._reference(algo) for name, algo in REFERENCES.items()})
-            self._save_model()
+            self._save_finished_model()
             files = checksums.of(self.folder, (records.EPISODES, records.EVALUATIONS))
             self._write(status="finished", checksums=files, explores=explores(self.agent))
         except KeyboardInterrupt:
             self._give_up("interrupted", "stopped by the user")
             raise
         except Exception as error:
-            reason = f"{type(error).__name__}: {' '.join(str(error).split())}"
+            reason = _words(error)
             self._give_up("failed", reason)
             raise TrialError(f"the trial in {str(self.folder)!r} failed: {reason}") from error
         self.resume_files.clear()
 
-    def _open_folder(self, goes_on: bool) -> None:
-        """Make the folder, or take what its trial has recorded of its start."""
-        before = Trial.find(self.folder)
+    def _open_folder(self, goes_on: bool, before: Trial | None) -> None:
+        """Make the folder, or take what the trial `before` in it has recorded of its start."""
         if goes_on and before is not None:
             self.trial = replace(self.trial, started=before.started)
         if goes_on:
@@ -215,7 +215,7 @@ class _Run:
                 self._learn(learning)
                 return
         if goes_on:
-            self._open_folder(goes_on=False)
+            self._open_folder(goes_on=False, before=Trial.find(self.folder))
             self._write()
         with contextlib.closing(self._learning()) as learning:
             self._learn(learning)
@@ -242,20 +242,49 @@ class _Run:
         played = self.evaluator.play(agent, checkpoint=0, step=0, deterministic=False)
         return records.means(pd.DataFrame([episode.as_row() for episode in played]))
 
+    def _save_finished_model(self) -> None:
+        """Save the model; where an agent of another package cannot, its records are as good without."""
+        try:
+            self._save_model()
+        except Exception as error:  # whatever an algorithm of another package does
+            # A full disk is no fault of the agent: with room on it, the trial goes on.
+            if self.config.algo in zoo.ZOO or isinstance(error, OSError):
+                raise
+            self._tell_unsaved(error)
+
     def _save_model(self) -> None:
+        """Let the agent save its model, in files that appear whole; a `save` may add a suffix to the name."""
         if not hasattr(self.agent, "save"):
             return
-        with atomic_path(self.folder / records.MODEL) as path:
-            self.agent.save(path)
+        with scratch_folder(self.folder / records.MODEL) as scratch:
+            self.agent.save(scratch / records.MODEL)
+            for path in scratch.iterdir():
+                move_whole(path, self.folder / path.name)
+
+    def _tell_unsaved(self, error: Exception) -> None:
+        log.warning(
+            "the trial %s has no model: %s.save failed (%s)",
+            self.folder.name,
+            type(self.agent).__name__,
+            _words(error),
+        )
 
     def _give_up(self, status: str, reason: str) -> None:
         """Keep what there is; a full disk must not hide why the trial ended."""
         with contextlib.suppress(OSError):
             self._write(status=status, reason=reason)
-        with contextlib.suppress(OSError):
-            if self.agent is not None:
-                self._save_model()
+        if self.agent is None:
+            return
+        try:
+            self._save_model()
+        except Exception as error:  # whatever an algorithm of another package does
+            self._tell_unsaved(error)
 
     def _write(self, **news: Any) -> None:
         self.trial = replace(self.trial, timings=self.stopwatch.seconds(), **news)
         self.trial.write()
+
+
+def _words(error: Exception) -> str:
+    """Return an error in one line: its type, and what it says."""
+    return f"{type(error).__name__}: {' '.join(str(error).split())}"

@@ -9,7 +9,6 @@ import numpy.typing as npt
 
 from usbench.envs.pose import Pose
 
-
 MEANINGS = {
     "probability": "probability of the action",
     "value": "discounted return that the agent expects",

@@ -87,6 +87,9 @@ def test_what_is_out_of_view_is_left_out():
         ("x,y,z,amplitude\n", "it has no scatterer."),
         ("", "it is empty."),
         ("x,y,z,amplitude\n0,0,0.03,1\n0,0,0.03,1,5,6\n", "it is no table of numbers"),
+        # The first value would become an index, and the others would have the wrong names.
+        ("x_mm,y_mm,z_mm,amplitude\n0,1,20,3,7\n", "lines have more values than its header has names (4)."),
+        ("x,y,z,amplitude\n0,0,0.03,1,\n", "lines have more values than its header has names (4)."),
         ("x,y,z,amplitude\n0,0,30,1\n", "within 0.5 m, not 30 m: are the positions in mm?"),
         ("x,y,z,amplitude\n0,0,-0.01,1\n", "below the surface (z > 0), not at z = -0.01 m."),
     ],
@@ -104,6 +107,11 @@ def test_tables_that_cannot_be_used(text, message, tmp_path):
         ({"x": [0.0]}, "y and z and amplitude must be among its columns, not only x"),
         ({name: np.zeros((2, 2)) for name in ("x", "y", "z", "amplitude")}, "one shape (n,), not (2, 2)."),
         ({"x": [0.0], "y": [0.0], "z": [0.1, 0.2], "amplitude": [1.0]}, "one shape (n,), not (1,), (2,)."),
+        (
+            {"x": [0.0], "y": [0.0], "z": [0.1], "amplitude": [1 + 1j]},
+            "amplitude must be real numbers, not complex128.",
+        ),
+        ({"x": ["0"], "y": [0.0], "z": [0.1], "amplitude": [1]}, "x must be real numbers, not <U1."),
         ({name: np.array(["a"], object) for name in ("x", "y", "z", "amplitude")}, "cannot be used"),
     ],
 )
@@ -111,6 +119,12 @@ def test_arrays_that_cannot_be_used(arrays, message, tmp_path):
     np.savez(tmp_path / "points.npz", **arrays)
     with pytest.raises(ConfigurationError, match=re.escape(message)):
         read_points(tmp_path / "points.npz")
+
+
+def test_complex_numbers_are_no_places_and_no_amplitudes():
+    for name, arguments in (("positions", (POINTS * 1j, [1, 2])), ("amplitudes", (POINTS, [1, 2j]))):
+        with pytest.raises(ValueError, match=f"^{name} must be real numbers, not complex128.$"):
+            PointScatterers(*arguments)
 
 
 @pytest.mark.parametrize("name", ["points.npz", "points.csv"])
