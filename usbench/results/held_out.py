@@ -1,6 +1,6 @@
 """The track of unseen phantoms: agents trained on one phantom and on many, and the gap between them."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -45,6 +45,15 @@ def write(tested: pd.DataFrame, folder: Path) -> Path:
     with atomic_file(path) as file:
         file.write(text.encode())
     return path
+
+
+def forget(folder: Path, trials: Collection[str]) -> list[str]:
+    """Remove the tests of some trials from the file in `folder`, and return the names that it had."""
+    tested = read(folder)
+    gone = tested["trial"].isin(trials)
+    if gone.any():
+        write(tested[~gone], folder)
+    return list(tested.loc[gone, "trial"])
 
 
 def candidates(known: Results) -> pd.DataFrame:
