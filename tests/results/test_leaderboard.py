@@ -225,10 +225,12 @@ def test_tables_of_cells_are_folded_and_have_six_columns():
 
 def test_figures_that_are_drawn_stand_after_the_verdict(tmp_path):
     tables.write(made(*GRID), tmp_path / "board_files")
-    (tmp_path / "board_files" / "scores.png").write_bytes(b"")
+    for name in ("scores", "improvement"):
+        (tmp_path / "board_files" / f"{name}.png").write_bytes(b"")
     leaderboard.write(tmp_path / "board_files", tmp_path / "board.md")
     parts = (tmp_path / "board.md").read_text().split("\n\n")
     assert parts[2].startswith("![Score of every agent") and parts[2].endswith("(board_files/scores.png)")
+    assert parts[3].startswith("![How likely") and parts[3].endswith("(board_files/improvement.png)")
     assert "learning_curves.png" not in "".join(parts)
 
 

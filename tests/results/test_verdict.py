@@ -40,7 +40,7 @@ def test_another_is_better():
         "There, other methods do better than the paper's vanilla policy gradient (`vpg`, 0.70 ["
     )
     assert "`ppo` lies above it, `a2c` lies below it" in second
-    assert second.endswith("a trial of `ppo` beats one of `vpg` with probability 1.00 [1.00, 1.00]")
+    assert second.endswith("a trial of `ppo` beats one of `vpg` with probability 1.00 [1.00, 1.00] (98.33 % interval, corrected for 3 pairs)")
     assert third == HERE
 
 
@@ -49,7 +49,7 @@ def test_its_own_is_best():
     assert first.startswith("`vpg` has the highest score")
     assert second.startswith("There, no other method does better than the paper's vanilla policy gradient")
     assert "`a2c` and `ppo` lie below it" in second
-    assert second.endswith("a trial of `a2c` beats one of `vpg` with probability 0.00 [0.00, 0.00]")
+    assert second.endswith("a trial of `a2c` beats one of `vpg` with probability 0.00 [0.00, 0.00] (98.33 % interval, corrected for 3 pairs)")
 
 
 def test_overlap_is_no_victory():
@@ -84,6 +84,7 @@ def test_what_depends_on_whole_seeds_is_said():
 def test_equal_scores():
     _, second, _ = sentences(*seeds("vpg", MIDDLE), *seeds("ppo", MIDDLE))
     assert "cannot be told" in second and "probability 0.50 [" in second
+    assert second.endswith("] (95 % interval)")
 
 
 def test_tuned_vpg_is_no_other_method():

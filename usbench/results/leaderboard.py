@@ -33,6 +33,12 @@ COLUMNS = (("return", "return", 1, 2), ("success (%)", "success_rate", 100, 0))
 FIGURES = (
     ("scores", "Score of every agent in every cell of the paper's tasks, with its interval"),
     ("learning_curves", "Score over training steps on the paper's tasks, with its interval"),
+    (
+        "improvement",
+        "How likely a trial of one agent has a higher score than a trial of another agent in the same cell, "
+        f"for every pair: thick lines are 95 % intervals, thin lines (from {ranking.MIN_SEEDS} seeds on) those "
+        "corrected for all pairs",
+    ),
     ("other_scores", "Score of every agent in the other tasks, with its interval"),
     (
         f"{unseen.NAME}_scores",

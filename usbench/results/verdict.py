@@ -179,9 +179,12 @@ def _against_the_papers_own(ranked: _Ranked, in_part: bool) -> list[str]:
         verdict = f"whether {BETTER} {own} cannot be told from these seeds"
     pair = ranked.pairs.set_index(["agent", "other"]).loc[(others[0], PAPERS_OWN)]
     chance = interval(pair["probability"], pair["sure_low"], pair["sure_high"], 2)
+    n_pairs = len(ranked.pairs) // 2
+    level = f"{100 * ranking.corrected_level(len(agents)):.4g} % interval"
+    level += f", corrected for {n_pairs} pairs" if n_pairs > 1 else ""
     sentences = [
         f"{verdict}: {ranked.beside(others, PAPERS_OWN)}; a trial of {code(others[0])} beats one of "
-        f"`{PAPERS_OWN}` with probability {chance}."
+        f"`{PAPERS_OWN}` with probability {chance} ({level})."
     ]
     if PAPERS_OWN_TUNED in agents:
         tuned = f"`{PAPERS_OWN_TUNED}`"
