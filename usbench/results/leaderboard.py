@@ -36,8 +36,8 @@ FIGURES = (
     (
         "improvement",
         "How likely a trial of one agent has a higher score than a trial of another agent in the same cell, "
-        f"for every pair: thick lines are 95 % intervals, thin lines (from {ranking.MIN_SEEDS} seeds on) those "
-        "corrected for all pairs",
+        f"for every pair: thick lines are 95 % intervals, thin lines (from {ranking.MIN_SEEDS} seeds on) "
+        "those corrected for all pairs",
     ),
     ("other_scores", "Score of every agent in the other tasks, with its interval"),
     (
