@@ -148,11 +148,23 @@ def test_what_was_tested_is_kept_when_a_later_test_fails(tmp_path, monkeypatch):
         play(tmp_path)
     assert list(held_out.read(tmp_path)["trial"]) == names[:1]
     shutil.rmtree(tmp_path / names[2])
-    with pytest.raises(ConfigurationError, match=r"1 of 2 trials to test are not in .*, as pp-p0-vpg-s102"):
-        play(tmp_path)
     tables.write(made(*seeds("vpg", [0.8, 0.9], task="pp")), tmp_path)
     with pytest.raises(RuntimeError, match=r"1 of 1 trials cannot be tested, as its model is broken\."):
         play(tmp_path)
+
+
+def test_trials_that_are_there_are_tested_and_absent_ones_counted(tmp_path):
+    told = []
+    tables.write(made(*seeds("vpg", [0.8, 0.9, 0.7], task="pp")), tmp_path)
+    with pytest.raises(ConfigurationError, match=r"3 of 3 trials .*, as pp-p0-vpg-s100: name the folder"):
+        transfer.untested(tmp_path, tmp_path)
+    (tmp_path / "pp-p0-vpg-s101").mkdir()
+    (tmp_path / "pp-p0-vpg-s101" / records.TRIAL).touch()
+    found = transfer.untested(tmp_path, tmp_path, tell=told.append)
+    assert list(found["trial"]) == ["pp-p0-vpg-s101"]
+    assert told == [
+        f"2 of 3 trials to test are not in {str(tmp_path)!r}, as pp-p0-vpg-s100: the others are tested"
+    ]
 
 
 def test_how_long_the_tests_take_is_told(tmp_path, monkeypatch, caplog):

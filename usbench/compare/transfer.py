@@ -24,7 +24,7 @@ def untested(
     noises: Sequence[float] | None = None,
     tell: Callable[[str], None] = lambda _: None,
 ) -> pd.DataFrame:
-    """Return the rows of a comparison's trials that `write` has to test.
+    """Return the rows of those of a comparison's trials in `runs` that `write` has to test.
 
     Args:
         runs: Where the comparison's trials are.
@@ -35,8 +35,8 @@ def untested(
         tell: Told what is left out.
 
     Raises:
-        ConfigurationError: If there is no trial to test, or none of something that was asked for, or if one
-            is not in `runs`.
+        ConfigurationError: If there is no trial to test, or none of something that was asked for, or none of
+            them is in `runs`.
         FileNotFoundError: If there are no tables, or no folder `runs`.
         ValueError: If the tables are broken.
     """
@@ -49,13 +49,14 @@ def untested(
     asked = _asked(_asked(trials, "task", tasks), "noise", noises)
     asked = _without_own(asked, tell) if algos is None else _asked(asked, "algo", algos)
     missing = asked[~asked["trial"].isin(held_out.read(folder)["trial"])]
-    absent = [name for name in missing["trial"] if not (runs / name / records.TRIAL).is_file()]
+    there = missing["trial"].map(lambda name: (runs / name / records.TRIAL).is_file()).astype(bool)
+    absent = list(missing.loc[~there, "trial"])
     if absent:
-        raise ConfigurationError(
-            f"{len(absent)} of {len(missing)} trials to test are not in {str(runs)!r}, as {absent[0]}: "
-            "name the folder where they are."
-        )
-    return missing
+        told = f"{len(absent)} of {len(missing)} trials to test are not in {str(runs)!r}, as {absent[0]}"
+        if len(absent) == len(missing):
+            raise ConfigurationError(f"{told}: name the folder where they are.")
+        tell(f"{told}: the others are tested")
+    return missing[there]
 
 
 def write(
