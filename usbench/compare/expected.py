@@ -39,7 +39,8 @@ def trials(missing: Sequence[TrialConfig], out: Path, jobs: int) -> Expected | N
 def by_published(keys: Sequence[tuple[str, int]], jobs: int) -> Expected | None:
     """Return how long trials will take by the published ones; None if these do not tell.
 
-    `keys` are algorithm and steps of each. Training takes as long per step as theirs, and a trial as long beside its training.
+    `keys` are algorithm and steps of each. Training takes as long per step as theirs, and a trial as long
+    beside its training.
     """
     table = tables.read(published.folder()).trials
     table = table[(table["status"] == "finished") & (table["steps"] > 0)]
