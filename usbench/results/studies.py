@@ -88,9 +88,10 @@ def _name(row: Mapping[str, Any]) -> str:
 
 
 READING = (
-    "Studies of `usbench guide --study`, a row for each player, over the same evaluation episodes, those that "
-    "the person has played in both ways: people alone and with an agent's advice, the agent that advised "
-    "(greedy), and the optimum, which knows the pose. The score is measured as everywhere here: 0 is a random agent, 1 the mean optimum."
+    "Studies of `usbench guide --study`, a row for each player, over the same evaluation episodes, those "
+    "that the person has played in both ways: people alone and with an agent's advice, the agent that "
+    "advised (greedy), and the optimum, which knows the pose. The score is measured as everywhere here: 0 is "
+    "a random agent, 1 the mean optimum."
 )
 HEAD = (
     *("study", "task", "noise", "player", "episodes", "return", "score", "success (%)"),
