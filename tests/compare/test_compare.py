@@ -285,9 +285,21 @@ def test_without_tables_trials_are_added_to_those_that_come_with_the_package(
 
 
 def test_report_of_nothing_is_refused_in_one_sentence(here, capsys):
-    assert cli.main(["compare", *FLOOR, "--report-only", "--out", "none"]) == 2
+    told = ["--leaderboard", "new/board.md"]
+    assert cli.main(["compare", *FLOOR, "--report-only", "--out", "none", *told]) == 2
     error = capsys.readouterr().err
     assert "there is no folder 'none' with trials" in error and error.count("\n") == 1
+    assert list(here.iterdir()) == []
+    Path("board_files").mkdir()  # what was there stays
+    assert cli.main(["compare", *FLOOR, "--report-only", "--out", "none", "--leaderboard", "board.md"]) == 2
+    assert list(here.iterdir()) == [here / "board_files"]
+
+
+def test_folder_of_trials_that_cannot_be_written_leaves_no_folder_of_tables(here, capsys):
+    Path("file").touch()
+    assert cli.main(["compare", *FLOOR, "--out", "file/runs"]) == 2
+    assert "choose another folder" in capsys.readouterr().err
+    assert list(here.iterdir()) == [here / "file"]
 
 
 def test_failed_trial_is_listed_and_the_status_is_1(here, no_figures, capsys, monkeypatch):
