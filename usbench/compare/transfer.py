@@ -8,7 +8,7 @@ import torch
 
 from usbench import records
 from usbench.records import ConfigurationError
-from usbench.results import held_out, tables
+from usbench.results import held_out, scores, tables
 from usbench.setting import Setting
 from usbench.trials.evaluation import Evaluator
 from usbench.trials.model_loading import load_agent
@@ -73,8 +73,9 @@ def write(
     Raises:
         RuntimeError: If a model cannot be opened; the others are tested.
     """
-    known = held_out.read(folder)
-    rows = known[known["trial"].isin(held_out.candidates(tables.read(folder))["trial"])].to_dict("records")
+    known, results = held_out.read(folder), tables.read(folder)
+    rows = known[known["trial"].isin(held_out.candidates(results)["trial"])].to_dict("records")
+    score_of = scores.last(results).set_index("trial")["normalized_score"]
     torch.set_num_threads(1)  # as in training: the bits do not depend on the machine
     for task in dict.fromkeys(missing["task"].map(held_out.MANY)):
         tell(f"frames of {task}")
@@ -84,7 +85,7 @@ def write(
     for number, (name, algo) in enumerate(missing[["trial", "algo"]].itertuples(index=False, name=None), 1):
         tell(f"trial {number} of {len(missing)}: {name}")
         try:
-            rows.append(test(runs / name, algo))
+            rows.append(test(runs / name, algo, float(score_of[name])))
         except ConfigurationError as error:
             tell(str(error))
             failures.append(str(error))
@@ -123,9 +124,20 @@ def _without_own(trials: pd.DataFrame, tell: Callable[[str], None]) -> pd.DataFr
     return trials[~own]
 
 
-def test(trial: Path, algo: str) -> dict[str, object]:
-    """Play the evaluation episodes of the task on many phantoms with a trial's greedy actions."""
+def test(trial: Path, algo: str, score: float) -> dict[str, object]:
+    """Play the evaluation episodes of the task on many phantoms with a trial's greedy actions.
+
+    Raises:
+        ConfigurationError: If its model cannot be opened, or its final score is not `score`, that of the
+            tables.
+    """
     loaded = load_agent(trial, algo=algo)
+    own = records.Trial.read(trial).last_evaluation(deterministic=True)["normalized_score"].mean()
+    if abs(own - score) > 10**-tables.DECIMALS:
+        raise ConfigurationError(
+            f"{trial.name} has the score {own:.5f} in {str(trial.parent)!r} and {score:.5f} in the tables: "
+            "it is another agent."
+        )
     config = loaded.config
     setting = Setting(task=held_out.MANY[config.task], noise=config.noise, n_frames=config.n_frames)
     evaluator = Evaluator(setting, setting.evaluation_episodes())
