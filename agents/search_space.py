@@ -71,13 +71,15 @@ ENTROPY = Log(1e-4, 1e-1)
 Q_LEARNING: Space = {
     "learning_rate": LEARNING_RATE,
     "gamma": GAMMA,
+    # DQN's 32 (Mnih et al. 2015), and its double.
     "batch_size": Choice((32, 64)),
     # One gradient step per 4 steps is Nature DQN's; per 8 halves the time.
     "train_freq": Choice((4, 8)),
-    # 32 to 2 copies of the target network within a quarter of the budget.
+    # 32 to 4 copies of the target network within a quarter of the budget.
     "target_update_interval": Choice((125, 250, 500, 1000)),
     # Of a budget of 16 064 steps: 100 to 500 episodes of exploration.
     "exploration_fraction": Choice((0.1, 0.2, 0.3, 0.5)),
+    # DQN's 0.1 (Mnih et al. 2015), Stable-Baselines3's 0.05 for DQN, and 0.02, towards its 0.01 for QR-DQN.
     "exploration_final_eps": Choice((0.02, 0.05, 0.1)),
 }
 CLIPPED: Space = {
@@ -85,15 +87,18 @@ CLIPPED: Space = {
     "gamma": GAMMA,
     "gae_lambda": GAE_LAMBDA,
     "n_steps": Choice((128, 256, 512)),
+    # PPO's 64 (Schulman et al. 2017, its runs on MuJoCo), its half and its double.
     "batch_size": Choice((32, 64, 128)),
     # Stable-Baselines3's 10 would double the time of a trial.
     "n_epochs": Choice((2, 4, 6)),
+    # The three values that the authors of PPO compared (Schulman et al. 2017, Table 1).
     "clip_range": Choice((0.1, 0.2, 0.3)),
     "ent_coef": ENTROPY,
 }
 # What Table II leaves open. Spinning Up's 80 value steps would take several times as long as any other row.
 OPEN_IN_TABLE_II: Space = {
     "n_value_steps": Choice((1, 3, 5, 10)),
+    # Adam's own 0.9 (Kingma and Ba 2014), about half of it, and no momentum, as RMSprop has it.
     "adam_beta1": Choice((0.0, 0.5, 0.9)),
 }
 
@@ -117,7 +122,9 @@ SPACES: Mapping[str, Space] = MappingProxyType(
             "gae_lambda": GAE_LAMBDA,
             "n_steps": Choice((16, 32, 64, 128)),
             "ent_coef": ENTROPY,
+            # Stable-Baselines3's 0.5, its half and its double.
             "vf_coef": Choice((0.25, 0.5, 1.0)),
+            # RMSprop, as its authors took it (Mnih et al. 2016), or Adam, as in all other rows.
             "use_rms_prop": Choice((False, True)),
         },
         "ppo": CLIPPED,
@@ -131,6 +138,7 @@ SPACES: Mapping[str, Space] = MappingProxyType(
             "n_steps": Choice((128, 256, 512)),
             # Around the 0.01 of its authors.
             "target_kl": Log(3e-3, 1e-1),
+            # Below sb3-contrib's 10, each being a pass over the rollout, like an epoch of PPO.
             "n_critic_updates": Choice((2, 4, 8)),
         },
         # Ten times the rates of PPO: a weight has less effect with 64 features than with the trunk's 7040.

@@ -26,11 +26,9 @@ from usbench.results.protocol import tuning
 Array = npt.NDArray[np.float64]
 Draw = Callable[[int, np.random.Generator], Array]
 
-# All six cells of the grid, with four seeds: how scores differ between seeds and cells.
-TOP = Path(__file__).parents[1]
-COMMITTED = TOP / "tables" / "first-look" / "leaderboard_files"
-# Candidates of the search.
-TUNING = TOP / "leaderboard_files"
+# All six cells of the grid, with ten seeds, from which it is seen how scores differ between seeds and cells;
+# and the candidates of the search.
+COMMITTED = Path(__file__).parents[1] / "leaderboard_files"
 N_CELLS = 6
 SEEDS = (3, 5, 10)
 # Means of six cells, from easy to hard.
@@ -150,7 +148,7 @@ def best_of(draw: Draw, n_simulations: int) -> Array:
 def candidates() -> dict[str, Draw]:
     """Return a distribution of candidates' scores like each row of the committed search, and a normal one."""
     found: dict[str, Draw] = {"normal": lambda n, generator: generator.normal(0.5, 0.2, n)}
-    for row, own in tuning.candidates(tuning.read(TUNING)).items():
+    for row, own in tuning.candidates(tuning.read(COMMITTED)).items():
         found[f"as `{row}`"] = _smooth(own)
     return found
 

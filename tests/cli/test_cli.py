@@ -90,6 +90,27 @@ def test_trial_from_end_to_end_and_once_more(capsys, tmp_path, quick):
     assert captured.err == ""
 
 
+@pytest.mark.parametrize(
+    ("seed", "options", "said"),
+    [
+        (100, ["--set", "n_steps=32"], True),
+        (3, ["--set", "n_steps=32"], False),
+        (100, [], False),
+        (100, ["--set", "n_steps=32", "--quiet"], False),
+    ],
+)
+def test_a_seed_kept_for_comparisons_is_told_where_hyperparameters_are_tried(
+    capsys, tmp_path, quick, seed, options, said
+):
+    argv = ["run", "--algo", "vpg", "--task", "pp", "--steps", "32", "--out", str(tmp_path)]
+    assert cli.main([*argv, "--seed", str(seed), *options]) == 0
+    line = (
+        "seed 100 is one of those kept for what is reported (100 to 999): seeds 0 to 9 are for trying "
+        "hyperparameters"
+    )
+    assert (line in capsys.readouterr().err.splitlines()) == said
+
+
 def test_quiet_run_of_single_frames_tells_what_is_not_learned_from(capsys, tmp_path, quick):
     command = [*RUN[:-1], "100", "--n-frames", "1", "--quiet", "--out", str(tmp_path)]
     assert cli.main(command) == 0

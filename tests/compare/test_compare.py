@@ -15,7 +15,7 @@ from usbench.ceilings import ceiling
 from usbench.compare import plan, protocol, sweep
 from usbench.envs.bmode import Imaging
 from usbench.envs.probe import LinearArray
-from usbench.results import published, tables
+from usbench.results import held_out, published, scores, tables
 from usbench.trials import runner
 from usbench.trials.configuration import resolve
 
@@ -229,6 +229,39 @@ def test_trials_of_a_folder_are_added_to_the_tables(finished, no_figures, tmp_pa
     assert capsys.readouterr().err == ""
 
 
+def test_a_trial_of_the_tables_is_replaced_only_if_that_is_asked_for(finished, here, no_figures, capsys):
+    mine, folder = finished.parent, Path("leaderboard_files")
+    assert cli.main(["leaderboard", "--runs", str(mine)]) == 0
+    known = tables.read(folder)
+    curves = known.curves.assign(normalized_score=0.25)
+    tables.write(tables.Results(known.trials, curves), folder)
+    tested = pd.DataFrame(
+        [[name, "pp-random", 8, 0.1, -18.0, 0.0] for name in (finished.name, "another")],
+        columns=list(held_out.COLUMNS),
+    )
+    held_out.write(tested, folder)
+    before = contents(folder)
+    assert cli.main(["leaderboard", "--replace"]) == 2
+    assert "--replace says what becomes of added trials" in capsys.readouterr().err
+    assert cli.main(["leaderboard", "--add", str(mine)]) == 0
+    (score,) = scores.last(known)["normalized_score"]
+    told = f"with other numbers (score 0.25000 there, {score:.5f} in {mine}): {finished.name}"
+    kept = f"the tables keep their trials: --replace puts those of {mine} in their place"
+    assert [told in line for line in capsys.readouterr().err.splitlines()] == [False, True, False]
+    assert contents(folder) == before
+    assert cli.main(["leaderboard", "--add", str(mine)]) == 0 and kept in capsys.readouterr().err
+    assert cli.main(["leaderboard", "--add", str(mine), "--replace"]) == 0
+    said = capsys.readouterr().err
+    assert told in said and kept not in said
+    assert f"was of the older agent and is removed: {finished.name}\n" in said
+    pd.testing.assert_frame_equal(tables.read(folder).curves, known.curves)
+    assert list(held_out.read(folder)["trial"]) == ["another"]
+    # Again: the numbers are the same now, and no file changes.
+    after = contents(folder)
+    assert cli.main(["leaderboard", "--add", str(mine), "--replace"]) == 0
+    assert contents(folder) == after
+
+
 def test_without_tables_trials_are_added_to_those_that_come_with_the_package(
     finished, here, no_figures, capsys
 ):
@@ -252,9 +285,21 @@ def test_without_tables_trials_are_added_to_those_that_come_with_the_package(
 
 
 def test_report_of_nothing_is_refused_in_one_sentence(here, capsys):
-    assert cli.main(["compare", *FLOOR, "--report-only", "--out", "none"]) == 2
+    told = ["--leaderboard", "new/board.md"]
+    assert cli.main(["compare", *FLOOR, "--report-only", "--out", "none", *told]) == 2
     error = capsys.readouterr().err
     assert "there is no folder 'none' with trials" in error and error.count("\n") == 1
+    assert list(here.iterdir()) == []
+    Path("board_files").mkdir()  # what was there stays
+    assert cli.main(["compare", *FLOOR, "--report-only", "--out", "none", "--leaderboard", "board.md"]) == 2
+    assert list(here.iterdir()) == [here / "board_files"]
+
+
+def test_folder_of_trials_that_cannot_be_written_leaves_no_folder_of_tables(here, capsys):
+    Path("file").touch()
+    assert cli.main(["compare", *FLOOR, "--out", "file/runs"]) == 2
+    assert "choose another folder" in capsys.readouterr().err
+    assert list(here.iterdir()) == [here / "file"]
 
 
 def test_failed_trial_is_listed_and_the_status_is_1(here, no_figures, capsys, monkeypatch):

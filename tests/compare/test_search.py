@@ -21,13 +21,13 @@ from usbench.trials.configuration import resolve
 
 
 class Quiet:
-    expected_s = None
+    expected = None
 
     def frames(self, done, total):
         pass
 
-    def started(self, n_missing, n_finished, expected_s):
-        self.expected_s = expected_s
+    def started(self, n_missing, n_finished, expected):
+        self.expected = expected
 
     def ended(self, outcome):
         pass
@@ -163,7 +163,7 @@ def test_search_goes_on_from_its_record_alone(quick, rules, tmp_path, monkeypatc
     progress = Quiet()
     winner = run(rules, tmp_path / "other", progress)
     assert len(calls) == 10 - 4
-    assert progress.expected_s > 0
+    assert progress.expected.seconds > 0 and not progress.expected.published
     assert run(rules, tmp_path / "one") == winner
     calls.clear()
     shutil.rmtree(tmp_path / "other" / "runs")
@@ -292,7 +292,8 @@ def test_the_table_of_algorithms_takes_the_winner_of_the_own_protocol_alone(
 
 def test_record_says_what_was_searched(quick, rules, tmp_path):
     with pytest.raises(KeyboardInterrupt):
-        run(rules, tmp_path, Stopping(1))
+        run(rules, tmp_path, stopping := Stopping(1))
+    assert stopping.expected.published  # before the first trial of the search
     head, one = lines(tmp_path)
     assert head["row"] == "a2c" and head["protocol"] == rules.digest
     assert head["candidates"] == list(candidates("a2c", 3))

@@ -207,9 +207,11 @@ def test_what_is_added_without_being_verified_is_marked(runs, capsys, monkeypatc
     assert additions.unverified(Path("leaderboard_files")) == [vpg.name]
     text = Path("leaderboard.md").read_text()
     assert "| `vpg` (not verified) |" in text and "| `dqn` |" in text and f"`{vpg.name}`" in text
-    # The same trial, whole again: the mark goes.
+    # The same trial, whole again, has other numbers: it replaces the other, and the mark goes.
     rewrite(vpg, records.EVALUATIONS, lambda rows: rows[-1].update({"return": rows[-1]["return"] - 1.0}))
     assert cli.main(["leaderboard", "--add", "mine"]) == 0
+    assert additions.unverified(Path("leaderboard_files")) == [vpg.name]
+    assert cli.main(["leaderboard", "--add", "mine", "--replace"]) == 0
     assert additions.unverified(Path("leaderboard_files")) == []
     assert "not verified" not in Path("leaderboard.md").read_text()
 

@@ -18,7 +18,8 @@ import trials
 from state_files import read_state
 
 from usbench import records
-from usbench.compare import sweep
+from usbench.compare import expected, sweep
+from usbench.compare.expected import Expected
 from usbench.trials.configuration import resolve
 
 
@@ -61,11 +62,11 @@ def journals(out):
 def test_what_is_finished_is_skipped_and_the_rest_is_run(quick, tmp_path):
     notes = Notes()
     assert run(plan("stay"), tmp_path, notes=notes)[0].reason is None
-    assert notes.started_with == (1, 0, 0.0)
+    assert notes.started_with == (1, 0, Expected(0.0))
     before = journals(tmp_path)
     outcomes = run(plan("stay", "random"), tmp_path, notes=notes)
     assert [outcome.reason for outcome in outcomes] == [None, None]
-    assert notes.started_with == (1, 1, 0.0)
+    assert notes.started_with == (1, 1, Expected(0.0))
     assert journals(tmp_path).items() > before.items()
     assert not list(tmp_path.glob("*.earlier-*"))
 
@@ -105,9 +106,9 @@ def test_expected_time_comes_from_finished_trials_of_the_same_algorithm(quick, t
     configs = plan("a2c", seeds=(0, 1, 2))
     notes = Notes()
     run(configs[:1], tmp_path, notes=notes)
-    assert notes.started_with == (1, 0, None)
+    assert notes.started_with[2].published
     seconds = read_state(tmp_path / configs[0].folder_name)["timings"]["total_s"]
-    assert sweep._expected_seconds(configs[1:], tmp_path, 2) == pytest.approx(2 * seconds / 2)
+    assert expected.trials(configs[1:], tmp_path, 2) == Expected(pytest.approx(2 * seconds / 2))
 
 
 def test_worker_that_dies_takes_only_its_trial_with_it(quick, tmp_path, monkeypatch, undisturbed):

@@ -130,6 +130,52 @@ def test_report_and_leaderboard_show_the_rows(finished, tmp_path, capsys, monkey
     assert '<h3 id="people">People</h3>' in page and all(f"<td>{who}</td>" in page for who in studies.PLAYERS)
 
 
+def play_once(session):
+    """Play one episode of a study without a move."""
+    if session.examination.over:
+        session.begin()
+    while not session.examination.over:
+        session.act(0)
+
+
+def test_players_are_compared_over_the_episodes_that_were_played_in_both_ways(tmp_path, monkeypatch):
+    monkeypatch.setattr(study, "EPISODES", 4)
+    session = Session(tmp_path, study="anna")
+    shown = []
+    for _ in range(8):
+        play_once(session)
+        table = studies.gather(tmp_path)
+        assert list(table["player"]) == list(studies.PLAYERS) and table["episodes"].nunique() == 1
+        shown.append((studies.texts(table)[0][0], int(table["episodes"][0])))
+    assert shown == [
+        *((f"anna ({n} of 8 played)", max(n - 4, 0)) for n in range(1, 8)),
+        ("anna", 4),
+    ]
+    rows = read_rows(session.study.folder / records.EVALUATIONS)
+    records_of = session.study.folder / records.EVALUATIONS
+    records_of.write_text("".join(f"{json.dumps(row)}\n" for row in rows if row["episode"] < 5))
+    table = studies.gather(tmp_path).set_index("player")
+    both = next(row["eval_episode"] for row in rows if row["episode"] == 4)
+    for player in studies.PLAYERS:
+        (own,) = [row for row in rows if row["player"] == player and row["eval_episode"] == both]
+        assert table.loc[player, "return"] == pytest.approx(own["return"])
+
+
+def test_a_study_without_an_episode_in_both_ways_has_no_score(tmp_path):
+    play_once(Session(tmp_path, study="anna"))
+    for row in studies.texts(studies.gather(tmp_path)):
+        assert row[0] == "anna (1 of 4 played)" and row[4:] == ["0", "–", "–", "–", "–", "–"]
+
+
+def test_a_study_of_an_earlier_version_goes_on(tmp_path):
+    path = Session(tmp_path, study="anna").study.folder / studies.STUDY
+    before = json.loads(path.read_text())
+    assert before.pop("plays") == 4
+    path.write_text(json.dumps(before))
+    assert len(play(Session(tmp_path, study="anna"))) == 8
+    assert [row[0] for row in studies.texts(studies.gather(tmp_path))] == ["anna"] * 4
+
+
 def test_studies_alone_are_a_report_and_no_leaderboard(tmp_path, capsys):
     runs, out = tmp_path / "runs", tmp_path / "r.html"
     play(Session(runs, study="anna"))

@@ -20,25 +20,32 @@ def test_trials_that_are_added_to_tables_give_what_all_together_give():
 def test_of_trials_in_both_those_with_other_numbers_are_told():
     old = [trial("vpg", 0.5, seed=seed) for seed in (100, 101, 102)]
     new = [trial("vpg", 0.5, seed=100), trial("vpg", 0.6, seed=101), trial("vpg", 0.5, seed=103)]
-    addition = additions.add(made(*old), made(*new))
-    assert (addition.same, addition.other) == ([old[0]["trial"]], [old[1]["trial"]])
+    for replace, found in ((False, [new[2]]), (True, new[1:])):
+        addition = additions.add(made(*old), made(*new), replace=replace)
+        assert addition.same == [old[0]["trial"]]
+        assert addition.other == [additions.Difference(old[1]["trial"], 0.5, 0.6)]
+        assert addition.new == [one["trial"] for one in found]
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "score", "wanted"),
+    ("old", "new", "score", "replace", "wanted"),
     [
-        ("finished", "finished", 0.5, "old"),  # the same numbers: nothing is to change
-        ("finished", "finished", 0.6, "new"),
-        ("failed", "finished", 0.5, "new"),
-        ("finished", "failed", 0.5, "old"),
+        ("finished", "finished", 0.5, False, "old"),
+        ("finished", "finished", 0.5, True, "old"),  # the same numbers: nothing is to change
+        ("finished", "finished", 0.6, False, "old"),  # what was published stays
+        ("finished", "finished", 0.6, True, "new"),
+        ("failed", "finished", 0.5, False, "new"),
+        ("finished", "failed", 0.5, True, "old"),
     ],
 )
-def test_of_a_trial_in_both_the_added_one_counts_if_it_is_finished_and_differs(old, new, score, wanted):
+def test_of_a_trial_in_both_that_of_the_tables_stays_unless_it_is_to_be_replaced(
+    old, new, score, replace, wanted
+):
     known = {
         "old": made(trial("vpg", 0.5, seed=100, status=old, total_s=1.0)),
         "new": made(trial("vpg", score, seed=100, status=new, total_s=2.0)),
     }
-    found = additions.add(known["old"], known["new"]).results
+    found = additions.add(known["old"], known["new"], replace=replace).results
     pd.testing.assert_frame_equal(found.trials, known[wanted].trials)
     pd.testing.assert_frame_equal(found.curves, known[wanted].curves, check_dtype=False)
 
@@ -69,6 +76,7 @@ def test_seeds_of_known_trials_and_of_agents_that_do_not_learn_are_free():
 def test_an_unfinished_trial_has_nothing_to_verify():
     known = made(trial("vpg", seed=100))
     for added in (made(trial("vpg", seed=100, status="interrupted")), made(trial("ppo", status="running"))):
-        assert additions.add(known, added).new(added) == []
+        assert additions.add(known, added).new == []
     added = made(trial("vpg", 0.6, seed=100), trial("ppo", seed=101))
-    assert additions.add(known, added).new(added) == list(added.trials["trial"])
+    assert additions.add(known, added).new == [added.trials["trial"][1]]
+    assert additions.add(known, added, replace=True).new == list(added.trials["trial"])

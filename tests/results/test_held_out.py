@@ -136,7 +136,7 @@ def test_what_was_tested_is_kept_when_a_later_test_fails(tmp_path, monkeypatch):
     tables.write(made(*seeds("vpg", [0.8, 0.9, 0.7], task="pp")), tmp_path)
     monkeypatch.setattr("usbench.compare.transfer.Setting.prepare_frames", lambda _: None)
 
-    def test(trial, algo):
+    def test(trial, algo, score):
         if trial.name == names[1]:
             raise ConfigurationError("its model is broken.")
         if trial.name == names[2]:
@@ -148,11 +148,33 @@ def test_what_was_tested_is_kept_when_a_later_test_fails(tmp_path, monkeypatch):
         play(tmp_path)
     assert list(held_out.read(tmp_path)["trial"]) == names[:1]
     shutil.rmtree(tmp_path / names[2])
-    with pytest.raises(ConfigurationError, match=r"1 of 2 trials to test are not in .*, as pp-p0-vpg-s102"):
-        play(tmp_path)
     tables.write(made(*seeds("vpg", [0.8, 0.9], task="pp")), tmp_path)
     with pytest.raises(RuntimeError, match=r"1 of 1 trials cannot be tested, as its model is broken\."):
         play(tmp_path)
+
+
+def test_an_agent_of_the_same_name_that_is_not_that_of_the_tables_is_not_tested(finished, tmp_path):
+    known = tables.collect(finished.parent)
+    curves = known.curves.assign(normalized_score=known.curves["normalized_score"] + 0.1)
+    tables.write(tables.Results(known.trials, curves), tmp_path)
+    missing = transfer.untested(finished.parent, tmp_path)
+    with pytest.raises(RuntimeError, match=f"1 of 1 .*, as {finished.name} has .* it is another agent"):
+        transfer.write(finished.parent, tmp_path, missing)
+    assert held_out.read(tmp_path).empty
+
+
+def test_trials_that_are_there_are_tested_and_absent_ones_counted(tmp_path):
+    told = []
+    tables.write(made(*seeds("vpg", [0.8, 0.9, 0.7], task="pp")), tmp_path)
+    with pytest.raises(ConfigurationError, match=r"3 of 3 trials .*, as pp-p0-vpg-s100: name the folder"):
+        transfer.untested(tmp_path, tmp_path)
+    (tmp_path / "pp-p0-vpg-s101").mkdir()
+    (tmp_path / "pp-p0-vpg-s101" / records.TRIAL).touch()
+    found = transfer.untested(tmp_path, tmp_path, tell=told.append)
+    assert list(found["trial"]) == ["pp-p0-vpg-s101"]
+    assert told == [
+        f"2 of 3 trials to test are not in {str(tmp_path)!r}, as pp-p0-vpg-s100: the others are tested"
+    ]
 
 
 def test_how_long_the_tests_take_is_told(tmp_path, monkeypatch, caplog):
@@ -164,7 +186,7 @@ def test_how_long_the_tests_take_is_told(tmp_path, monkeypatch, caplog):
         (tmp_path / name / records.TRIAL).touch()
     tables.write(made(*seeds("vpg", [0.8, 0.9], task="pp")), tmp_path)
     monkeypatch.setattr("usbench.compare.transfer.Setting.prepare_frames", lambda _: None)
-    monkeypatch.setattr(transfer, "test", lambda trial, algo: rows_of(0.1).iloc[0].to_dict())
+    monkeypatch.setattr(transfer, "test", lambda *_: rows_of(0.1).iloc[0].to_dict())
     play(tmp_path)
     assert caplog.messages[0].startswith("Testing agents on phantoms never seen: some ")
 
@@ -176,7 +198,7 @@ def test_agents_of_ones_own_are_opened_only_if_they_are_named(tmp_path, monkeypa
     (tmp_path / "own" / records.TRIAL).touch()
     monkeypatch.setattr("usbench.compare.transfer.Setting.prepare_frames", lambda _: None)
     monkeypatch.setattr(
-        transfer, "test", lambda trial, algo: opened.append(algo) or rows_of(0.1).iloc[0].to_dict()
+        transfer, "test", lambda trial, algo, score: opened.append(algo) or rows_of(0.1).iloc[0].to_dict()
     )
     play(tmp_path, None, told.append)
     assert told == [f"left out, as testing them runs their code, unless they are named: {own}"] and not opened

@@ -79,7 +79,7 @@ def test_rows_with_a_trial_that_is_not_verified_say_so_and_no_others_do():
     assert text.rstrip().endswith(f"(`usbench submit`): `{wrong[0]}`, `{wrong[1]}`.")
 
 
-def test_the_agent_whose_seeds_matter_most_is_named_beside_the_share_of_all():
+def test_how_much_seeds_matter_for_single_agents_stands_beside_the_share_of_all():
     cells = [("fp", 0.0), ("fp", 0.25), ("pp", 0.0)]
     lucky, mixed = [0.1, 0.3, 0.5, 0.7, 0.9], [[0.5, 0.1, 0.9, 0.3, 0.7], [0.3, 0.9, 0.5, 0.7, 0.1]]
     trials = [
@@ -89,8 +89,8 @@ def test_the_agent_whose_seeds_matter_most_is_named_beside_the_share_of_all():
         for row in seeds(algo, own, task=task, noise=noise)
     ]
     text = leaderboard.markdown(made(*trials))
-    shares = re.search(r"(\d+) % are common to all cells of a seed \((\d+) % for `a2c`, the most", text)
-    assert shares and int(shares[1]) < int(shares[2]) == 100
+    shares = re.search(r"(\d+) % are common to all cells of a seed \((\d+) % to (\d+) % for single", text)
+    assert shares and int(shares[2]) < int(shares[1]) < int(shares[3]) == 100
 
 
 def test_numbers_of_a_row():
@@ -225,10 +225,12 @@ def test_tables_of_cells_are_folded_and_have_six_columns():
 
 def test_figures_that_are_drawn_stand_after_the_verdict(tmp_path):
     tables.write(made(*GRID), tmp_path / "board_files")
-    (tmp_path / "board_files" / "scores.png").write_bytes(b"")
+    for name in ("scores", "improvement"):
+        (tmp_path / "board_files" / f"{name}.png").write_bytes(b"")
     leaderboard.write(tmp_path / "board_files", tmp_path / "board.md")
     parts = (tmp_path / "board.md").read_text().split("\n\n")
     assert parts[2].startswith("![Score of every agent") and parts[2].endswith("(board_files/scores.png)")
+    assert parts[3].startswith("![How likely") and parts[3].endswith("(board_files/improvement.png)")
     assert "learning_curves.png" not in "".join(parts)
 
 

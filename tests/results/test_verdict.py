@@ -1,5 +1,7 @@
 """The first paragraph of a leaderboard: careful in every case."""
 
+import re
+
 import pandas as pd
 import pytest
 from made_tables import made, seeds, trial
@@ -40,7 +42,10 @@ def test_another_is_better():
         "There, other methods do better than the paper's vanilla policy gradient (`vpg`, 0.70 ["
     )
     assert "`ppo` lies above it, `a2c` lies below it" in second
-    assert second.endswith("a trial of `ppo` beats one of `vpg` with probability 1.00 [1.00, 1.00]")
+    assert second.endswith(
+        "a trial of `ppo` beats one of `vpg` with probability 1.00 [1.00, 1.00] "
+        "(98.33 % interval, corrected for 3 pairs)"
+    )
     assert third == HERE
 
 
@@ -49,15 +54,34 @@ def test_its_own_is_best():
     assert first.startswith("`vpg` has the highest score")
     assert second.startswith("There, no other method does better than the paper's vanilla policy gradient")
     assert "`a2c` and `ppo` lie below it" in second
-    assert second.endswith("a trial of `a2c` beats one of `vpg` with probability 0.00 [0.00, 0.00]")
+    assert second.endswith(
+        "a trial of `a2c` beats one of `vpg` with probability 0.00 [0.00, 0.00] "
+        "(98.33 % interval, corrected for 3 pairs)"
+    )
 
 
 def test_overlap_is_no_victory():
     first, second, _ = sentences(*seeds("vpg", MIDDLE), *seeds("ppo", [0.62, 0.66, 0.73, 0.78, 0.81]))
-    assert first.startswith("`ppo` has the highest score")
-    assert first.endswith("`vpg` cannot be told apart from it")
+    assert first.startswith("No single agent has the highest score over 1 of")
+    assert re.search(r": `ppo`, 0.72 \[[^]]*\], cannot be told apart from `vpg`, 0.70 \[[^]]*\]$", first)
     assert second.startswith("Whether other methods do better than") and "cannot be told from" in second
     assert "`ppo` cannot be told apart from it" in second
+
+
+def test_of_agents_that_cannot_be_told_apart_none_is_named_as_best():
+    others = [*seeds("dqn", [0.895, 0.905, 0.92, 0.935, 0.945]), *seeds("a2c", [0.9, 0.92, 0.92, 0.93, 0.93])]
+    first, _, _ = sentences(*seeds("ppo", HIGH), *others, *seeds("vpg", LOW))
+    (best, near), rest = re.findall(r"`(\w+)`, 0.92", first)[:2], first.rpartition("; ")[2]
+    assert first.startswith("No single agent") and first.count("0.92 [") == 3
+    assert {best, near} < {"ppo", "dqn", "a2c"} and rest == f"`vpg` lies below `{best}`"
+
+
+def test_a_first_look_names_those_whose_intervals_overlap_that_of_the_highest_score():
+    found = sentences(*seeds("vpg", LOW[:4]), *seeds("ppo", HIGH[:4]), *seeds("a2c", [0.8, 0.9, 0.92, 0.94]))
+    assert "`ppo`, 0.92 [" in found[1]
+    assert "the optimum), which its interval does not separate from `a2c`, that of the paper's" in found[1]
+    found = sentences(*seeds("vpg", LOW[:4]), *seeds("ppo", HIGH[:4]))
+    assert "separate" not in found[1]
 
 
 def test_the_rule_is_the_probability_of_improvement_not_the_intervals_of_the_scores():
@@ -84,6 +108,7 @@ def test_what_depends_on_whole_seeds_is_said():
 def test_equal_scores():
     _, second, _ = sentences(*seeds("vpg", MIDDLE), *seeds("ppo", MIDDLE))
     assert "cannot be told" in second and "probability 0.50 [" in second
+    assert second.endswith("] (95 % interval)")
 
 
 def test_tuned_vpg_is_no_other_method():
@@ -190,16 +215,34 @@ def test_scores_on_phantoms_never_seen_stand_in_the_first_paragraph():
     last = verdict.text(made(*trials), on_unseen(*trials)).split(". ")[-1]
     assert last == (
         "`fp` and `pp` are evaluated on the phantom of training: on phantoms never seen, agents with 0.52 to "
-        "0.92 on `fp` have 0.10 (`ppo`) to 0.30 (`vpg`), and agents with 0.52 to 0.92 on `pp` have 0.10 "
-        "(`ppo`) to 0.30 (`vpg`)."
+        "0.92 on `fp` have 0.10 to 0.30 (lowest, as far as intervals tell, `ppo`; highest `vpg`), and "
+        "agents with 0.52 to 0.92 on `pp` have 0.10 to 0.30 (lowest, as far as intervals tell, `ppo`; "
+        "highest `vpg`)."
     )
+
+
+def test_on_phantoms_never_seen_all_are_named_whose_intervals_overlap_an_end():
+    trials = [*seeds("vpg", LOW), *seeds("ppo", HIGH), *seeds("a2c", MIDDLE)]
+    rows = on_unseen(*trials)
+    spread = rows["trial"].str.contains("a2c")
+    near_ppo = rows.assign(
+        normalized_score=rows["normalized_score"].where(~spread, [0.05, 0.1, 0.12, 0.1, 0.15] * 3)
+    )
+    text = verdict.text(made(*trials), near_ppo)
+    assert text.endswith(
+        "have 0.10 to 0.30 (lowest, as far as intervals tell, `a2c` and `ppo`; highest `vpg`)."
+    )
+    over_all = rows.assign(
+        normalized_score=rows["normalized_score"].where(~spread, [0.0, 0.0, 0.2, 0.4, 0.4] * 3)
+    )
+    assert verdict.text(made(*trials), over_all).endswith("have 0.10 to 0.30 (their intervals overlap).")
 
 
 def test_scores_on_phantoms_never_seen_name_the_noise_where_not_all_was_tested():
     quiet = [*seeds("vpg", LOW), *seeds("ppo", HIGH)]
     noisy = [*seeds("vpg", LOW, noise=0.5), *seeds("ppo", HIGH, noise=0.5)]
     text = verdict.text(made(*quiet, *noisy), on_unseen(*noisy))
-    assert "agents with 0.52 to 0.92 on `fp` (noise 0.5) have 0.10 (`ppo`) to 0.30 (`vpg`)." in text
+    assert "agents with 0.52 to 0.92 on `fp` (noise 0.5) have 0.10 to 0.30 (lowest, " in text
     assert (
         "(noise" not in verdict.text(made(*quiet, *noisy), on_unseen(*quiet, *noisy)).split("never seen")[1]
     )

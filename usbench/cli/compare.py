@@ -116,14 +116,14 @@ def _call(args: argparse.Namespace) -> None:
         n_seeds=args.seeds,
         steps=args.steps,
     )
-    leaderboard.prepare(args.leaderboard)
-    outcomes = [] if args.report_only else _run_missing(args, planned, jobs)
-    # First: damaged records make no leaderboard.
-    failed = sweep_output.failures(outcomes)
-    for line in failed:
-        print(line, file=sys.stderr)
-    for path in runs.report(planned, args.out, args.leaderboard):
-        print(path)
+    with leaderboard.prepared(args.leaderboard):
+        outcomes = [] if args.report_only else _run_missing(args, planned, jobs)
+        # First: damaged records make no leaderboard.
+        failed = sweep_output.failures(outcomes)
+        for line in failed:
+            print(line, file=sys.stderr)
+        for path in runs.report(planned, args.out, args.leaderboard):
+            print(path)
     if failed:
         raise RuntimeError(
             f"{len(failed)} of {len(planned)} trials failed; the same command tries them again."

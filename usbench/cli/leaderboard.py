@@ -7,12 +7,15 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from usbench.checks import ConfigurationError
 from usbench.cli.arguments import add_leaderboard_file, tell_watcher
 
 if TYPE_CHECKING:
-    from usbench.results.tables import Results
+    from usbench.results.additions import Addition
 
 LEFT_OUT = "left out, as its anatomy, probe, imaging, reward or senses are not those of the task {}: {}"
+KEPT = "the tables keep their trials: --replace puts those of {} in their place"
+FORGOTTEN = "its score on phantoms never seen was of the older agent and is removed: {}"
 FROM_THE_PACKAGE = "no tables in {}: those of the benchmark's own leaderboard are copied there"
 
 
@@ -38,6 +41,12 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         "--add", type=Path, metavar="FOLDER", help="folder with trials: add them to those of the tables"
     )
     leaderboard.add_argument(
+        "--replace",
+        action="store_true",
+        help="with --add: a trial that the tables have with other numbers takes the place of theirs "
+        "(default: the tables keep theirs)",
+    )
+    leaderboard.add_argument(
         "--search",
         type=Path,
         metavar="FOLDER",
@@ -48,13 +57,19 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
 
 
 def _call(args: argparse.Namespace) -> None:
-    """Write a leaderboard and its figures again: of its tables, of a folder's trials, or of both."""
+    """Write a leaderboard and its figures again: of its tables, of a folder's trials, or of both.
+
+    Raises:
+        ConfigurationError: If options do not go together, or trials cannot be added.
+    """
+    if args.replace and args.add is None:
+        raise ConfigurationError("--replace says what becomes of added trials: give their folder with --add.")
     tell_watcher(
         "reading the records, then 20 figures and tables with their intervals: up to some minutes for a "
         "whole grid"
     )
     from usbench.figures import comparison, tuning
-    from usbench.results import additions, leaderboard, published, studies, tables
+    from usbench.results import additions, held_out, leaderboard, published, studies, tables
     from usbench.results.protocol import tuning as searched
 
     folder = leaderboard.files(args.leaderboard)
@@ -66,10 +81,15 @@ def _call(args: argparse.Namespace) -> None:
         for name, task in others[["trial", "task"]].itertuples(index=False, name=None):
             print(LEFT_OUT.format(task, name), file=sys.stderr)
         if args.add is not None:
-            known, checked = _added(tables.read(published.or_own(folder)), known, args.add)
+            addition = additions.add(tables.read(published.or_own(folder)), known, replace=args.replace)
+            known = addition.results
+            checked = _told(addition, args.add, replaced=args.replace)
         leaderboard.prepare(args.leaderboard)
         if args.add is not None and published.bring(folder):
             print(FROM_THE_PACKAGE.format(folder), file=sys.stderr)
+        if args.replace:
+            for name in held_out.forget(folder, [one.trial for one in addition.other]):
+                print(FORGOTTEN.format(name), file=sys.stderr)
         tables.write(known, folder)
         if args.add is not None:
             additions.mark_unverified(folder, checked, [name for name, told in checked.items() if told])
@@ -83,27 +103,28 @@ def _call(args: argparse.Namespace) -> None:
         print(path)
 
 
-def _added(before: Results, known: Results, runs: Path) -> tuple[Results, dict[str, list[str]]]:
-    """Add trials to those of the tables, and tell what became of them.
+def _told(addition: Addition, runs: Path, *, replaced: bool) -> dict[str, list[str]]:
+    """Tell what became of the trials in `runs`.
 
     Returns:
-        The results of all, and of each trial that is new, or new with these numbers, why it is not verified.
+        Of each trial that is new, or new with these numbers, why it is not verified.
     """
     from usbench import records
     from usbench.compare import submission
-    from usbench.results import additions
 
-    addition = additions.add(before, known)
     if addition.same or addition.other:
         n = len(addition.same) + len(addition.other)
         print(f"in the tables already, with the same numbers: {len(addition.same)} of {n}", file=sys.stderr)
-    for name in addition.other:
-        print(f"in the tables already, with other numbers: {name}", file=sys.stderr)
+    for one in addition.other:
+        both = f"score {one.known:.5f} there, {one.added:.5f} in {runs}"
+        print(f"in the tables already, with other numbers ({both}): {one.trial}", file=sys.stderr)
+    if addition.other and not replaced:
+        print(KEPT.format(runs), file=sys.stderr)
     for name, row in addition.apart.items():
         print(f"with other settings than its algorithm's row, so in the row {row!r}: {name}", file=sys.stderr)
     places = {folder.name: folder for folder in records.trial_folders(runs)}
-    checked = {name: submission.problems(places[name], records_alone=True) for name in addition.new(known)}
+    checked = {name: submission.problems(places[name], records_alone=True) for name in addition.new}
     for name, told in checked.items():
         if told:
             print(f"not verified, and marked so: {name} ({told[0]})", file=sys.stderr)
-    return addition.results, checked
+    return checked

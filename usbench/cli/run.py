@@ -162,4 +162,18 @@ def _begin(config: TrialConfig, args: argparse.Namespace) -> Trial | None:
         how = f"{config.steps} training steps{where}" if config.steps else "evaluation alone"
         told = f"{config.title}: {how}; frames that are not kept are simulated first"
         print(told, file=sys.stderr, flush=True)
+        _hint(config.seed, dict(args.set))
     return trial
+
+
+def _hint(seed: int, overrides: dict[str, str]) -> None:
+    """Say what seeds of comparisons are for, where hyperparameters are tried with one."""
+    from usbench import seed_pools
+
+    pools = seed_pools.own()
+    if overrides and pools.of(seed) == "comparison":
+        print(
+            f"seed {seed} is one of those kept for what is reported ({pools.comparison}): seeds "
+            f"{pools.development} are for trying hyperparameters",
+            file=sys.stderr,
+        )

@@ -19,7 +19,8 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         description="Test every agent of a comparison that was trained on one phantom (fp, pp) on the "
         "evaluation phantoms of the same task with many (fp-random, pp-random), and write the leaderboard "
         "with both side by side: usbench compare --tasks pp pp-random, then this. What was tested is not "
-        "tested again. Trials of your own: usbench leaderboard --add runs, then this.",
+        "tested again, and what is not there is counted and left out. Trials of your own: "
+        "usbench leaderboard --add runs, then this.",
     )
     transfer.add_argument(
         "--algos",

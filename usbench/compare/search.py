@@ -14,6 +14,7 @@ from usbench.agents.zoo import WINNERS, winners
 from usbench.atomic import atomic_file
 from usbench.checks import unknown
 from usbench.compare import sweep
+from usbench.compare.expected import Expected, by_published
 from usbench.compare.protocol import Protocol
 from usbench.compare.search_record import Place, SearchRecord
 from usbench.records import ConfigurationError, TrialConfig, unwritable
@@ -151,23 +152,28 @@ class _Recording:
         self._progress = progress
         self.frames, self.retried = progress.frames, progress.retried
 
-    def started(self, n_missing: int, n_finished: int, expected_s: float | None) -> None:
+    def started(self, n_missing: int, n_finished: int, expected: Expected | None) -> None:
         """Tell how long the whole search of the row still takes, later rungs included."""
-        self._progress.started(n_missing, len(self._record.trials), self._seconds_left())
+        self._progress.started(n_missing, len(self._record.trials), self._left())
 
     def ended(self, outcome: sweep.Outcome) -> None:
         """Record the trial, and tell."""
         self._record.add(self._places[outcome.config.folder_name], outcome.config, self._out)
         self._progress.ended(outcome)
 
-    def _seconds_left(self) -> float | None:
-        """Return how long the trials of all rungs take that are not recorded; None before the first trial."""
+    def _left(self) -> Expected | None:
+        """Return how long the trials of all rungs take that are not recorded; None if no record tells.
+
+        Before the first trial, the published trials tell.
+        """
         search, per_step = self._protocol.search, self._record.seconds_per_step()
         if per_step is None:
-            return None
+            rungs = zip(search.n_trials(), search.rungs, strict=True)
+            keys = [(self._record.row, rung.steps) for n, rung in rungs for _ in range(n)]
+            return by_published(keys, self._jobs)
         total = sum(n * rung.steps for n, rung in zip(search.n_trials(), search.rungs, strict=True))
         done: int = sum(one["steps"] for one in self._record.trials.values())
-        return (total - done) * per_step / self._jobs
+        return Expected((total - done) * per_step / self._jobs)
 
 
 def _hand_over(winner: Winner, protocol: Protocol) -> None:

@@ -18,9 +18,10 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any, NoReturn, Protocol
 
-from usbench import records
 from usbench.agents.zoo import entry
-from usbench.records import ConfigurationError, Trial, TrialConfig
+from usbench.compare import expected
+from usbench.compare.expected import Expected
+from usbench.records import ConfigurationError, TrialConfig
 from usbench.setting import Setting
 from usbench.trials import runner
 from usbench.trials.finished import find_finished
@@ -43,8 +44,8 @@ class Progress(Protocol):
     def frames(self, done: int, total: int) -> None:
         """`done` of `total` frames are simulated."""
 
-    def started(self, n_missing: int, n_finished: int, expected_s: float | None) -> None:
-        """`n_missing` trials will run, `n_finished` are finished; `expected_s` is None if unknown."""
+    def started(self, n_missing: int, n_finished: int, expected: Expected | None) -> None:
+        """`n_missing` trials will run, `n_finished` are finished; `expected` is None if unknown."""
 
     def ended(self, outcome: Outcome) -> None:
         """A trial has ended."""
@@ -103,7 +104,7 @@ def run(
     for setting in dict.fromkeys(_of_frames(config) for config in looking):
         setting.prepare_frames(progress.frames)
     n_finished = len(outcomes) - len(damaged)
-    progress.started(len(missing) + len(damaged), n_finished, _expected_seconds(missing, out, jobs))
+    progress.started(len(missing) + len(damaged), n_finished, expected.trials(missing, out, jobs))
     for outcome in damaged:
         progress.ended(outcome)
     others = set(multiprocessing.active_children())
@@ -225,21 +226,3 @@ def _known(config: TrialConfig, out: Path) -> Outcome | None:
         return None if find_finished(config, out) is None else Outcome(config, None)
     except ValueError as error:
         return Outcome(config, str(error))
-
-
-def _expected_seconds(missing: Sequence[TrialConfig], out: Path, jobs: int) -> float | None:
-    """Return how long the trials will take, by those of the same algorithms and steps that `out` holds.
-
-    Agents that do not learn take no time to speak of.
-    """
-    seconds: dict[tuple[str, int], list[float]] = {}
-    for folder in records.trial_folders(out):
-        with contextlib.suppress(ValueError):
-            trial = Trial.find(folder)
-            if trial is not None and trial.status == "finished" and "total_s" in trial.timings:
-                key = trial.config.algo, trial.config.steps
-                seconds.setdefault(key, []).append(trial.timings["total_s"])
-    keys = [(config.algo, config.steps) for config in missing if config.steps]
-    if not all(key in seconds for key in keys):
-        return None
-    return sum(sum(seconds[key]) / len(seconds[key]) for key in keys) / jobs

@@ -8,7 +8,7 @@ import torch
 
 from usbench import records
 from usbench.records import ConfigurationError
-from usbench.results import held_out, tables
+from usbench.results import held_out, scores, tables
 from usbench.setting import Setting
 from usbench.trials.evaluation import Evaluator
 from usbench.trials.model_loading import load_agent
@@ -24,7 +24,7 @@ def untested(
     noises: Sequence[float] | None = None,
     tell: Callable[[str], None] = lambda _: None,
 ) -> pd.DataFrame:
-    """Return the rows of a comparison's trials that `write` has to test.
+    """Return the rows of those of a comparison's trials in `runs` that `write` has to test.
 
     Args:
         runs: Where the comparison's trials are.
@@ -35,8 +35,8 @@ def untested(
         tell: Told what is left out.
 
     Raises:
-        ConfigurationError: If there is no trial to test, or none of something that was asked for, or if one
-            is not in `runs`.
+        ConfigurationError: If there is no trial to test, or none of something that was asked for, or none of
+            them is in `runs`.
         FileNotFoundError: If there are no tables, or no folder `runs`.
         ValueError: If the tables are broken.
     """
@@ -49,13 +49,14 @@ def untested(
     asked = _asked(_asked(trials, "task", tasks), "noise", noises)
     asked = _without_own(asked, tell) if algos is None else _asked(asked, "algo", algos)
     missing = asked[~asked["trial"].isin(held_out.read(folder)["trial"])]
-    absent = [name for name in missing["trial"] if not (runs / name / records.TRIAL).is_file()]
+    there = missing["trial"].map(lambda name: (runs / name / records.TRIAL).is_file()).astype(bool)
+    absent = list(missing.loc[~there, "trial"])
     if absent:
-        raise ConfigurationError(
-            f"{len(absent)} of {len(missing)} trials to test are not in {str(runs)!r}, as {absent[0]}: "
-            "name the folder where they are."
-        )
-    return missing
+        told = f"{len(absent)} of {len(missing)} trials to test are not in {str(runs)!r}, as {absent[0]}"
+        if len(absent) == len(missing):
+            raise ConfigurationError(f"{told}: name the folder where they are.")
+        tell(f"{told}: the others are tested")
+    return missing[there]
 
 
 def write(
@@ -72,8 +73,9 @@ def write(
     Raises:
         RuntimeError: If a model cannot be opened; the others are tested.
     """
-    known = held_out.read(folder)
-    rows = known[known["trial"].isin(held_out.candidates(tables.read(folder))["trial"])].to_dict("records")
+    known, results = held_out.read(folder), tables.read(folder)
+    rows = known[known["trial"].isin(held_out.candidates(results)["trial"])].to_dict("records")
+    score_of = scores.last(results).set_index("trial")["normalized_score"]
     torch.set_num_threads(1)  # as in training: the bits do not depend on the machine
     for task in dict.fromkeys(missing["task"].map(held_out.MANY)):
         tell(f"frames of {task}")
@@ -83,7 +85,7 @@ def write(
     for number, (name, algo) in enumerate(missing[["trial", "algo"]].itertuples(index=False, name=None), 1):
         tell(f"trial {number} of {len(missing)}: {name}")
         try:
-            rows.append(test(runs / name, algo))
+            rows.append(test(runs / name, algo, float(score_of[name])))
         except ConfigurationError as error:
             tell(str(error))
             failures.append(str(error))
@@ -122,9 +124,20 @@ def _without_own(trials: pd.DataFrame, tell: Callable[[str], None]) -> pd.DataFr
     return trials[~own]
 
 
-def test(trial: Path, algo: str) -> dict[str, object]:
-    """Play the evaluation episodes of the task on many phantoms with a trial's greedy actions."""
+def test(trial: Path, algo: str, score: float) -> dict[str, object]:
+    """Play the evaluation episodes of the task on many phantoms with a trial's greedy actions.
+
+    Raises:
+        ConfigurationError: If its model cannot be opened, or its final score is not `score`, that of the
+            tables.
+    """
     loaded = load_agent(trial, algo=algo)
+    own = records.Trial.read(trial).last_evaluation(deterministic=True)["normalized_score"].mean()
+    if abs(own - score) > 10**-tables.DECIMALS:
+        raise ConfigurationError(
+            f"{trial.name} has the score {own:.5f} in {str(trial.parent)!r} and {score:.5f} in the tables: "
+            "it is another agent."
+        )
     config = loaded.config
     setting = Setting(task=held_out.MANY[config.task], noise=config.noise, n_frames=config.n_frames)
     evaluator = Evaluator(setting, setting.evaluation_episodes())

@@ -63,6 +63,7 @@ class Study:
             raise ConfigurationError(str(error)) from error
         self.folder, self.plays = runs / f"study-{name}", plan(name, setting)
         record = {"study": name, "task": setting.task, "noise": setting.noise, "agent": agent}
+        record["plays"] = len(self.plays)
         self._begin({**record, "anchors": asdict(setting.anchors()), "environment": setting.record()})
         cut_torn_line(self.folder / EVALUATIONS)
         self.n_done = sum(row["player"] in (HUMAN, ADVISED) for row in read_rows(self.folder / EVALUATIONS))
@@ -138,7 +139,8 @@ class Study:
             before = json.loads(path.read_text(encoding="utf-8"))
         except ValueError as error:
             raise ConfigurationError(f"{str(path)!r} is not the record of a study: {error}.") from error
-        if before != json.loads(json.dumps(record)):
+        # Studies of earlier versions do not tell how much is played.
+        if {"plays": record["plays"], **before} != json.loads(json.dumps(record)):
             raise ConfigurationError(
                 f"the study {self.name!r} has begun with another task, noise, agent or imaging: "
                 "choose another name."

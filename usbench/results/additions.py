@@ -9,7 +9,7 @@ import pandas as pd
 from usbench import seed_pools
 from usbench.atomic import atomic_file
 from usbench.checks import ConfigurationError
-from usbench.results import agents
+from usbench.results import agents, scores
 from usbench.results.protocol import further
 from usbench.results.tables import ORDER, Results
 from usbench.results.text import code
@@ -20,43 +20,58 @@ MARK = "not verified"
 
 
 @dataclass(frozen=True)
+class Difference:
+    """A finished trial of the tables that was added with other numbers.
+
+    Attributes:
+        trial: Its name in the tables.
+        known: Its final score there.
+        added: The final score of the added one.
+    """
+
+    trial: str
+    known: float
+    added: float
+
+
+@dataclass(frozen=True)
 class Addition:
     """What came of adding trials.
 
     Attributes:
         results: The trials of both.
         same: Names of finished trials that the tables had already, with the same numbers.
-        other: Names of those with other numbers, which the added ones replace.
+        other: Those that the tables had with other numbers.
+        new: Names of the added finished trials that the tables did not have, or that replace theirs.
         apart: Names of added trials whose configuration is not that of their algorithm's row, with the name
             of the row that they are in.
     """
 
     results: Results
     same: list[str]
-    other: list[str]
+    other: list[Difference]
+    new: list[str]
     apart: dict[str, str]
 
-    def new(self, added: Results) -> list[str]:
-        """Return the names of those finished trials in `added` that are new, or have other numbers."""
-        finished = added.trials.loc[added.trials["status"] == "finished", "trial"]
-        return [name for name in finished if name not in self.same]
 
-
-def add(known: Results, added: Results) -> Addition:
+def add(known: Results, added: Results, *, replace: bool = False) -> Addition:
     """Return the trials of both, and what there is to tell.
 
-    Of a trial that both have, the added one counts if it is finished and has other numbers: that a trial was
-    repeated changes nothing.
+    A finished trial of the tables stays. With `replace`, an added one takes its place that is finished and
+    has other numbers: that a trial was repeated changes nothing.
 
     Raises:
         ConfigurationError: If a trial that is new has a seed that is not kept for comparisons.
     """
     _check_seeds(_others(added, known.trials).trials)
     same, other = repeated(known, added)
-    results = joined(known, _others(added, known.trials[known.trials["trial"].isin(same)]))
+    kept = [*same, *(() if replace else (one.trial for one in other))]
+    rest = _others(added, known.trials[known.trials["trial"].isin(kept)])
+    results = joined(known, rest)
     own = _named(results.trials)
     own = own[own["trial"].isin(added.trials["trial"]) & (own["agent"] != own["algo"])]
-    return Addition(results, same, other, dict(zip(own["trial"], own["agent"], strict=True)))
+    new = list(rest.trials.loc[rest.trials["status"] == "finished", "trial"])
+    return Addition(results, same, other, new, dict(zip(own["trial"], own["agent"], strict=True)))
 
 
 def joined(known: Results, added: Results) -> Results:
@@ -70,18 +85,22 @@ def joined(known: Results, added: Results) -> Results:
     return Results(trials, curves)
 
 
-def repeated(known: Results, added: Results) -> tuple[list[str], list[str]]:
-    """Return the finished trials of both, by name: those with the same numbers, and those with others."""
+def repeated(known: Results, added: Results) -> tuple[list[str], list[Difference]]:
+    """Return the finished trials of both: names of those with the same numbers, and those with others."""
     both = known.trials.merge(added.trials, on=[*ORDER, "status"], suffixes=("", "_added"))
     both = both[both["status"] == "finished"]
     same: list[str] = []
-    other: list[str] = []
+    other: list[Difference] = []
+    final = [scores.last(each).set_index("trial")["normalized_score"] for each in (known, added)]
     for name, name_added in both[["trial", "trial_added"]].itertuples(index=False, name=None):
         one, two = (
             table[table["trial"] == trial].drop(columns="trial").reset_index(drop=True)
             for table, trial in ((known.curves, name), (added.curves, name_added))
         )
-        (same if one.equals(two) else other).append(name)
+        if one.equals(two):
+            same.append(name)
+        else:
+            other.append(Difference(name, float(final[0][name]), float(final[1][name_added])))
     return same, other
 
 

@@ -1,6 +1,6 @@
 """The track of unseen phantoms: agents trained on one phantom and on many, and the gap between them."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -47,6 +47,15 @@ def write(tested: pd.DataFrame, folder: Path) -> Path:
     return path
 
 
+def forget(folder: Path, trials: Collection[str]) -> list[str]:
+    """Remove the tests of some trials from the file in `folder`, and return the names that it had."""
+    tested = read(folder)
+    gone = tested["trial"].isin(trials)
+    if gone.any():
+        write(tested[~gone], folder)
+    return list(tested.loc[gone, "trial"])
+
+
 def candidates(known: Results) -> pd.DataFrame:
     """Return the finished trials of the grid on one phantom that have a counterpart with many."""
     trials = further.first(known).trials
@@ -86,7 +95,8 @@ def not_tested(known: Results, tested: pd.DataFrame) -> list[scores.Cell]:
 def by_task(known: Results, tested: pd.DataFrame) -> pd.DataFrame:
     """Return a row per task on one phantom and agent: its IQM `there`, and `elsewhere` on unseen phantoms.
 
-    It is over all noises and seeds that were tested.
+    It is over all noises and seeds that were tested. `low` and `high` are the 95 % interval of `elsewhere`,
+    with trials resampled over all noises together; a single trial has none.
     """
     own = _scored(known)
     both = own.merge(tested[["trial", "normalized_score"]], on="trial", suffixes=("", "_elsewhere"))
@@ -94,11 +104,17 @@ def by_task(known: Results, tested: pd.DataFrame) -> pd.DataFrame:
         {
             **dict(zip(("task", "agent"), key, strict=True)),
             "there": float(stats.iqm(rows[["normalized_score"]])),
-            "elsewhere": float(stats.iqm(rows[["normalized_score_elsewhere"]])),
+            **dict(
+                zip(
+                    ("elsewhere", "low", "high"),
+                    scores.score_of(rows[["normalized_score_elsewhere"]].to_numpy(np.float64)).values(),
+                    strict=True,
+                )
+            ),
         }
         for key, rows in both.groupby(["task", "agent"])
     ]
-    return pd.DataFrame(rows, columns=["task", "agent", "there", "elsewhere"])
+    return pd.DataFrame(rows, columns=["task", "agent", "there", "elsewhere", "low", "high"])
 
 
 def _columns(parts: dict[str, pd.DataFrame]) -> list[str]:

@@ -1,6 +1,7 @@
 """Results in, `leaderboard.md` and `scores.csv` out: same results, same bytes."""
 
-from collections.abc import Collection, Mapping, Sequence
+import contextlib
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import pandas as pd
@@ -33,6 +34,12 @@ COLUMNS = (("return", "return", 1, 2), ("success (%)", "success_rate", 100, 0))
 FIGURES = (
     ("scores", "Score of every agent in every cell of the paper's tasks, with its interval"),
     ("learning_curves", "Score over training steps on the paper's tasks, with its interval"),
+    (
+        "improvement",
+        "How likely a trial of one agent has a higher score than a trial of another agent in the same cell, "
+        f"for every pair: thick lines are 95 % intervals, thin lines (from {ranking.MIN_SEEDS} seeds on) "
+        "those corrected for all pairs",
+    ),
     ("other_scores", "Score of every agent in the other tasks, with its interval"),
     (
         f"{unseen.NAME}_scores",
@@ -83,6 +90,26 @@ def prepare(path: Path) -> Path:
             f"the leaderboard {str(path)!r} cannot be written ({error.strerror}): choose another file."
         ) from error
     return folder
+
+
+@contextlib.contextmanager
+def prepared(path: Path) -> Iterator[Path]:
+    """Prepare the folder beside the leaderboard `path`, and take it away again if an error leaves it empty.
+
+    Raises:
+        ConfigurationError: If nothing can be written there.
+    """
+    places = () if path.is_dir() else (files(path), *path.parents)
+    made = [one for one in places if not one.exists()]
+    folder = prepare(path)
+    try:
+        yield folder
+    except BaseException:
+        for one in made:
+            # What holds something stays, and what it is in.
+            with contextlib.suppress(OSError):
+                one.rmdir()
+        raise
 
 
 def write(folder: Path, path: Path) -> list[Path]:

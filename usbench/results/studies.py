@@ -2,10 +2,14 @@
 
 A study is a folder with `study.json` and `evaluations.jsonl`, whose lines have the format of a trial's
 evaluations and besides `player`, and for people `advice`, `obeyed` and `seconds`, lists over the steps.
+
+All players of a study are compared over the same episodes: those that the person has played in both ways.
 """
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
@@ -13,14 +17,15 @@ from usbench.anchors import Anchors
 from usbench.atomic import atomic_file
 from usbench.records import EVALUATIONS, ConfigurationError
 from usbench.records.journal import read_rows
-from usbench.results.text import DASH
+from usbench.results.text import number
 
 STUDY, TABLE = "study.json", "studies.csv"
 HUMAN, ADVISED, AGENT, OPTIMUM = "human", "human + advice", "agent", "optimum"
 PLAYERS = (HUMAN, ADVISED, AGENT, OPTIMUM)
+NUMBERS = ("return", "score", "success_rate", "obeyed", "seconds_per_step")
 COLUMNS = (
-    *("study", "task", "noise", "agent", "player", "episodes"),
-    *("return", "score", "success_rate", "obeyed", "seconds_per_step"),
+    *("study", "task", "noise", "agent", "played", "plays", "player", "episodes"),
+    *NUMBERS,
 )
 
 
@@ -67,20 +72,26 @@ def texts(known: pd.DataFrame) -> list[list[str]]:
     """Return the table in words, a row for each study and player."""
     return [
         [
-            *(str(row["study"]), str(row["task"]), f"{row['noise']:g}", str(row["player"])),
-            *(str(row["episodes"]), f"{row['return']:.2f}", f"{row['score']:.2f}"),
-            f"{100 * row['success_rate']:.0f}",
-            DASH if pd.isna(row["obeyed"]) else f"{100 * row['obeyed']:.0f}",
-            DASH if pd.isna(row["seconds_per_step"]) else f"{row['seconds_per_step']:.1f}",
+            *(_name(row), str(row["task"]), f"{row['noise']:g}", str(row["player"])),
+            *(str(row["episodes"]), number(row["return"], 2), number(row["score"], 2)),
+            *(number(100 * row["success_rate"], 0), number(100 * row["obeyed"], 0)),
+            number(row["seconds_per_step"], 1),
         ]
-        for row in known.to_dict("records")
+        for row in known.astype(dict.fromkeys(NUMBERS, float)).to_dict("records")
     ]
 
 
+def _name(row: Mapping[str, Any]) -> str:
+    """Return the name of a study, with what has been played of one that is not finished."""
+    unfinished = row["played"] < row["plays"]
+    return f"{row['study']} ({row['played']} of {row['plays']} played)" if unfinished else str(row["study"])
+
+
 READING = (
-    "Studies of `usbench guide --study`, a row for each player, on the same evaluation episodes: people "
-    "alone and with an agent's advice, the agent that advised (greedy), and the optimum, which knows the "
-    "pose. The score is measured as everywhere here: 0 is a random agent, 1 the mean optimum."
+    "Studies of `usbench guide --study`, a row for each player, over the same evaluation episodes, those "
+    "that the person has played in both ways: people alone and with an agent's advice, the agent that "
+    "advised (greedy), and the optimum, which knows the pose. The score is measured as everywhere here: 0 is "
+    "a random agent, 1 the mean optimum."
 )
 HEAD = (
     *("study", "task", "noise", "player", "episodes", "return", "score", "success (%)"),
@@ -95,11 +106,12 @@ def _rows(folder: Path) -> list[dict[str, object]]:
         played = pd.DataFrame(read_rows(folder / EVALUATIONS))
         if played.empty:
             return []
-        return [
-            _row(study, anchors, player, rows)
-            for player in PLAYERS
-            if not (rows := played[played["player"] == player]).empty
-        ]
+        by_people = played[played["player"].isin((HUMAN, ADVISED))]
+        study |= {"played": len(by_people), "plays": study.get("plays", len(by_people))}
+        # Episodes differ in difficulty.
+        ways = by_people.groupby("eval_episode")["player"].nunique()
+        same = played[played["eval_episode"].isin(ways[ways == 2].index)]
+        return [_row(study, anchors, player, same[same["player"] == player]) for player in PLAYERS]
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise ConfigurationError(f"{str(folder)!r} is not the record of a study: {error}.") from error
 
@@ -108,11 +120,11 @@ def _row(study: dict[str, object], anchors: Anchors, player: str, rows: pd.DataF
     obeyed = [followed for own in rows["obeyed"] for followed in own] if player == ADVISED else []
     seconds = [one for own in rows["seconds"] for one in own] if player in (HUMAN, ADVISED) else []
     return {
-        **{name: study[name] for name in ("study", "task", "noise", "agent")},
+        **{name: study[name] for name in ("study", "task", "noise", "agent", "played", "plays")},
         "player": player,
         "episodes": len(rows),
         "return": float(rows["return"].mean()),
-        "score": float(anchors.score(rows["return"].to_numpy(dtype=float)).mean()),
+        "score": float(anchors.score(rows["return"].mean())),
         "success_rate": float(rows["is_success"].mean()),
         "obeyed": sum(obeyed) / len(obeyed) if obeyed else None,
         "seconds_per_step": sum(seconds) / len(seconds) if seconds else None,

@@ -89,14 +89,15 @@ def _quarters(n_cells: int) -> str:
 
 
 def _seeds(matrices: Mapping[str, stats.Array]) -> str:
-    """Return in words how much seeds matter for all cells alike: for all agents, and where most."""
+    """Return in words how much seeds matter for all cells alike: for all agents and for each."""
     common = ranking.common_to_seeds(matrices)
     if pd.isna(common):
         return ""
     each = pd.Series({name: ranking.common_to_seeds({name: matrix}) for name, matrix in matrices.items()})
     of_one = ""
     if each.notna().sum() > 1:
-        of_one = f" ({_percent(each.max())} for {code(str(each.idxmax()))}, the most of any agent)"
+        # Nobody is named: of a single agent, this has no interval.
+        of_one = f" ({_percent(each.min())} to {_percent(each.max())} for single agents)"
     return (
         f" Of the variance between trials of a cell, {_percent(common)} are common to all cells of a seed"
         f"{of_one}: the larger this is, the more the interval by cells and the comparison of agents are too "

@@ -143,23 +143,31 @@ def _few(waiting: dict[str, int]) -> str:
 
 def _first_look(table: pd.DataFrame, reasons: list[str], where: str) -> str:
     ranked = _Ranked(table, set(), pd.DataFrame())
-    best = str(table.index[0])
-    own = ""
+    best, own = str(table.index[0]), ""
+    near = list(table.index[table["score_high"] >= table["score_low"].iloc[0]].drop(best, errors="ignore"))
+    doubt = f", which its interval does not separate from {names(near)}" if near else ""
     if PAPERS_OWN in table.index and best != PAPERS_OWN:
         own = f", that of the paper's vanilla policy gradient (`{PAPERS_OWN}`) is {ranked.score(PAPERS_OWN)}"
     return (
         f"a first look and no ranking: {', and '.join(reasons)}. The highest score over {where} is that of "
-        f"{code(best)}, {ranked.score(best)} {SCALE}{own}; {OPEN}."
+        f"{code(best)}, {ranked.score(best)} {SCALE}{doubt}{own}; {OPEN}."
     )
 
 
 def _highest(ranked: _Ranked, where: str) -> str:
     best, *others = (str(agent) for agent in ranked.table.index)
     seeds = int(ranked.table.loc[best, "seeds"])
-    score = f"{ranked.score(best)} over {where} with {seeds} seeds {SCALE}"
+    score, over = ranked.score(best), f"over {where} with {seeds} seeds {SCALE}"
     if not others:
-        return f"only {code(best)} has enough finished trials in every cell, with {score}."
-    return f"{code(best)} has the highest score, {score}; {ranked.beside(others, best)}."
+        return f"only {code(best)} has enough finished trials in every cell, with {score} {over}."
+    near = [one for one in others if not {(one, best), (best, one)} & ranked.above]
+    if not near:
+        return f"{code(best)} has the highest score, {score} {over}; {ranked.beside(others, best)}."
+    rest = ranked.beside([one for one in others if one not in near], best, code(best))
+    return (
+        f"no single agent has the highest score {over}: {code(best)}, {score}, cannot be told apart from "
+        f"{' and '.join(f'{code(one)}, {ranked.score(one)}' for one in near)}{'; ' if rest else ''}{rest}."
+    )
 
 
 def _against_the_papers_own(ranked: _Ranked, in_part: bool) -> list[str]:
@@ -179,9 +187,12 @@ def _against_the_papers_own(ranked: _Ranked, in_part: bool) -> list[str]:
         verdict = f"whether {BETTER} {own} cannot be told from these seeds"
     pair = ranked.pairs.set_index(["agent", "other"]).loc[(others[0], PAPERS_OWN)]
     chance = interval(pair["probability"], pair["sure_low"], pair["sure_high"], 2)
+    n_pairs = len(ranked.pairs) // 2
+    level = f"{100 * ranking.corrected_level(len(agents)):.4g} % interval"
+    level += f", corrected for {n_pairs} pairs" if n_pairs > 1 else ""
     sentences = [
         f"{verdict}: {ranked.beside(others, PAPERS_OWN)}; a trial of {code(others[0])} beats one of "
-        f"`{PAPERS_OWN}` with probability {chance}."
+        f"`{PAPERS_OWN}` with probability {chance} ({level})."
     ]
     if PAPERS_OWN_TUNED in agents:
         tuned = f"`{PAPERS_OWN_TUNED}`"
@@ -204,15 +215,28 @@ def _phantoms(own: Results, tested: pd.DataFrame | None) -> list[str]:
         return [f"{here}; how its agents do on others is not tested here."]
     clauses = []
     for task, rows in known.groupby("task"):
-        rows = rows.sort_values("elsewhere")
-        low, high = rows.iloc[0], rows.iloc[-1]
         clauses.append(
             f"agents with {rows['there'].min():.2f} to {rows['there'].max():.2f} on `{task}`"
             f"{_where_tested(own.trials[own.trials['task'] == task], tested)} have "
-            f"{number(low['elsewhere'], 2)} ({code(low['agent'])}) to "
-            f"{number(high['elsewhere'], 2)} ({code(high['agent'])})"
+            f"{number(rows['elsewhere'].min(), 2)} to {number(rows['elsewhere'].max(), 2)}{_ends(rows)}"
         )
     return [f"{here}: on phantoms never seen, {', and '.join(clauses)}."]
+
+
+def _ends(rows: pd.DataFrame) -> str:
+    """Return in words which agents have the lowest and which the highest scores on phantoms never seen.
+
+    All agents are named whose intervals overlap that of the lowest or of the highest; nobody is, where one
+    overlaps both.
+    """
+    if len(rows) < 2 or rows["low"].isna().any():
+        return ""
+    lowest, highest = (rows.loc[place] for place in (rows["elsewhere"].idxmin(), rows["elsewhere"].idxmax()))
+    low = list(rows.loc[rows["low"] <= lowest["high"], "agent"])
+    high = list(rows.loc[rows["high"] >= highest["low"], "agent"])
+    if {*low} & {*high}:
+        return " (their intervals overlap)"
+    return f" (lowest, as far as intervals tell, {names(low)}; highest {names(high)})"
 
 
 def _where_tested(trials: pd.DataFrame, tested: pd.DataFrame) -> str:

@@ -14,6 +14,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from usbench.compare.expected import Expected
 from usbench.compare.sweep import Outcome
 from usbench.records import TrialConfig
 
@@ -59,13 +60,16 @@ class SweepBars:
             self._quarter = 4 * done // total
             self._say(f"simulating frames: {done} of {total}")
 
-    def started(self, n_missing: int, n_finished: int, expected_s: float | None) -> None:
+    def started(self, n_missing: int, n_finished: int, expected: Expected | None) -> None:
         """`n_missing` trials will run and `n_finished` are finished."""
         self._missing, self._ended, self._begun = n_missing, 0, time.monotonic()
         self._task = self._bar.add_task("trials", total=n_missing)
         told = f"{n_missing} trials to run, {n_finished} finished already"
         if n_missing:
-            told += ", no record tells how long" if expected_s is None else f", about {_duration(expected_s)}"
+            told += (
+                ", no record tells how long" if expected is None else f", about {_duration(expected.seconds)}"
+            )
+            told += " as in the published trials" if expected is not None and expected.published else ""
         self._say(told)
 
     def ended(self, outcome: Outcome) -> None:
