@@ -12,6 +12,7 @@ Each undoes itself, and their order does not matter: together they make eight sy
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -86,12 +87,20 @@ _ALL = tuple(
 )
 
 
-def symmetries(senses: Senses) -> Symmetries:
-    """Return the symmetries of the senses' task that lead from its poses to its poses, each once."""
+def symmetries(senses: Senses, *, of_drawn_tissue: bool = True) -> Symmetries:
+    """Return the symmetries of the senses' task, each once.
+
+    They are those that lead from its poses to its poses, and from its actions and slips to its own.
+
+    Args:
+        senses: What the agent is told beside the frames.
+        of_drawn_tissue: Whether the tissue is drawn evenly on both sides of every axis, as that of a custom
+            anatomy is not: then the symmetry that changes nothing is the only one.
+    """
     task = senses.task
     found = []
-    for change in _ALL:
-        if {change.pose(pose) for pose in task.states} <= task.indices.keys():
+    for change in _ALL if of_drawn_tissue else _ALL[:1]:
+        if _keeps(change, task):
             becomes = _actions(change, task)
             found.append((change.mirrors, *_on_senses(change, senses, becomes), becomes))
     # Where a probe never turns, some are the same for the agent.
@@ -104,6 +113,17 @@ def symmetries(senses: Senses) -> Symmetries:
         signs=np.array(signs, np.float32),
         actions=np.array(actions, np.int64),
         coordinates=np.arange(senses.size) < senses.size - n_actions,
+    )
+
+
+def _keeps(change: _Change, task: Task) -> bool:
+    """Return whether poses, actions and slips of the task become such of the task, slips as probable."""
+    moves = {action.move for action in task.actions}
+    slips = Counter(task.displacements)
+    return (
+        {change.pose(pose) for pose in task.states} <= task.indices.keys()
+        and {change.move(move) for move in moves} <= moves
+        and Counter(change.move(move) for move in slips.elements()) == slips
     )
 
 

@@ -1,9 +1,13 @@
 """The exact symmetries of tasks: laws of a group, and real environments that do what the symmetries say."""
 
+from dataclasses import replace
+
 import gymnasium as gym
 import numpy as np
 import pytest
+from volumes import block
 
+from usbench import anatomy_record
 from usbench.envs.observation.senses import available, checked
 from usbench.envs.observation.symmetries import _ALL, symmetries
 from usbench.envs.observation.wrappers import ImageStack
@@ -52,6 +56,27 @@ def test_a_probe_that_never_turns_has_one_symmetry_and_one_that_turns_has_seven(
 
 def test_the_action_that_ends_an_episode_stays():
     assert (found("exam-stop").actions[:, -1] == found("exam-stop").actions.shape[1] - 1).all()
+
+
+def test_symmetries_for_which_an_action_or_a_slip_is_missing_are_left_out():
+    task = TASKS["fp-random"].guidance
+    assert len(symmetries(checked((), task))) == 2
+    (right,) = (action for action in task.actions if action.move.x_mm > 0)
+    for changes in (
+        {"actions": tuple(action for action in task.actions if action != right)},
+        {"displacements": (right.move,)},
+        # Both ways, but one of them more often.
+        {"displacements": (*task.displacements, right.move)},
+    ):
+        assert len(symmetries(checked((), replace(task, **changes)))) == 1
+
+
+def test_custom_anatomy_has_no_symmetry(tmp_path):
+    block(tmp_path / "block.mha")
+    anatomy = anatomy_record.read(tmp_path / "block.mha", {"target_x_mm": 10, "target_angle_deg": 30})
+    known = Setting(task="pp", anatomy=anatomy).symmetries()
+    assert len(known) == 1
+    assert known.actions.tolist() == [[0, 1, 2, 3, 4]] and known.mirrored.tolist() == [False]
 
 
 def play(target, start, actions, seed):
