@@ -19,7 +19,7 @@ from itertools import product
 import numpy as np
 import numpy.typing as npt
 
-from usbench.envs.observation.senses import ACTIONS, IMAGE, SENSES, Observation, Senses, parts, whole
+from usbench.envs.observation.senses import ACTIONS, Senses
 from usbench.envs.pose import Move, Pose
 from usbench.envs.task import Task
 
@@ -45,16 +45,6 @@ class Symmetries:
     def __len__(self) -> int:
         """How many there are."""
         return len(self.mirrored)
-
-    def observation(self, number: int, observation: Observation) -> Observation:
-        """Return what frames (height, width, n) and senses (n * size,) become by symmetry `number`."""
-        known = dict(parts(observation))
-        if self.mirrored[number]:
-            known[IMAGE] = known[IMAGE][:, ::-1].copy()
-        if SENSES in known:
-            each = known[SENSES].reshape(-1, self.sources.shape[1])
-            known[SENSES] = (each[:, self.sources[number]] * self.signs[number]).reshape(-1)
-        return whole(known)
 
 
 @dataclass(frozen=True)
