@@ -41,7 +41,11 @@ class ConvTrunk(BaseFeaturesExtractor):
     """
 
     def __init__(self, observation_space: spaces.Box, batch_statistics: bool = True) -> None:
-        """Builds the trunk for images of `observation_space`, at least 4 x 4 pixels, as `Block` says."""
+        """Builds the trunk for images of `observation_space`, as `Block` says.
+
+        Raises:
+            ValueError: the space holds no images (see `channels_first`), or they have less than 4 x 4 pixels.
+        """
         self._channels_first = channels_first(observation_space)
         shape = observation_space.shape
         n_channels, height, width = shape if self._channels_first else (shape[2], shape[0], shape[1])

@@ -30,7 +30,11 @@ class SeparatePolicy(ActorCriticPolicy):
         lr_schedule: Schedule,
         **kwargs: Any,
     ) -> None:
-        """Takes SB3's arguments; `share_features_extractor` can only be False."""
+        """Takes SB3's arguments; `share_features_extractor` can only be False.
+
+        Raises:
+            ValueError: `share_features_extractor` is True.
+        """
         if kwargs.setdefault("share_features_extractor", False):
             raise ValueError(
                 "share_features_extractor must be False: policy and value are separate networks here."

@@ -23,7 +23,11 @@ class ResidualTrunk(BaseFeaturesExtractor):
     """
 
     def __init__(self, observation_space: spaces.Box) -> None:
-        """Builds the trunk for images of `observation_space`, at least 8 x 8 pixels."""
+        """Builds the trunk for images of `observation_space`.
+
+        Raises:
+            ValueError: the space holds no images (see `channels_first`), or they have less than 8 x 8 pixels.
+        """
         self._channels_first = channels_first(observation_space)
         shape = observation_space.shape
         n_channels, height, width = shape if self._channels_first else (shape[2], shape[0], shape[1])

@@ -181,9 +181,4 @@ def keep_stores(n_stores: int) -> None:
         _stores = lru_cache(maxsize=n_stores)(FrameStore)
 
 
-def forget_stores() -> None:
-    """Let go of all stores that are kept."""
-    _stores.cache_clear()
-
-
 _stores = lru_cache(maxsize=8)(FrameStore)

@@ -82,7 +82,12 @@ class GuidanceEnv(gym.Env[Observation, int]):
         senses: Iterable[str] | None = None,
         render_mode: str | None = None,
     ) -> None:
-        """Check the configuration; nothing is simulated before the first reset."""
+        """Check the configuration; nothing is simulated before the first reset.
+
+        Raises:
+            TypeError: If an argument has the wrong type.
+            ValueError: If a value is not allowed, or the phantom does not fit the task.
+        """
         self.noise = probability("noise", noise)
         self.reward = check_reward(reward, self.task)
         self.phantom = self._fitting(self.default_phantom if phantom is None else phantom)
@@ -107,7 +112,7 @@ class GuidanceEnv(gym.Env[Observation, int]):
 
     @property
     def pose(self) -> Pose:
-        """Where the probe is now."""
+        """Where the probe is now; `gymnasium.error.ResetNeeded` is raised before the first reset."""
         if self._pose is None:
             raise gym.error.ResetNeeded("call reset() first: the probe has no pose before.")
         return self._pose
@@ -150,7 +155,12 @@ class GuidanceEnv(gym.Env[Observation, int]):
         return self._observation(), self._info({})
 
     def move(self, action: int) -> Moved:
-        """Do the first half of `step`: act and displace with probability `noise`; no frame is looked at."""
+        """Do the first half of `step`: act and displace with probability `noise`; no frame is looked at.
+
+        Raises:
+            gymnasium.error.ResetNeeded: Before the first reset.
+            ValueError: If the task has no such action.
+        """
         if isinstance(action, bool) or not self.action_space.contains(action):
             raise ValueError(
                 f"action must be a whole number from 0 to {len(self.task.actions) - 1}, not {action!r}."

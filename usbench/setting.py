@@ -253,8 +253,11 @@ class Setting:
         return oracle.DecisionProcess(self.guidance, self.noise, target=target, rewards=rewards)
 
     def symmetries(self) -> Symmetries:
-        """Return what an observation and an action of the task become by its exact symmetries."""
-        return symmetries(self.plain_env().senses)
+        """Return what an observation and an action of the task become by its exact symmetries.
+
+        A custom anatomy has none but that which changes nothing.
+        """
+        return symmetries(self.plain_env().senses, of_drawn_tissue=self.anatomy is None)
 
     def teacher(self) -> Teacher:
         """Return who knows the costs of actions by what an agent with these senses can know at best.

@@ -102,11 +102,21 @@ class Anatomy(abc.ABC):
 
     @abc.abstractmethod
     def in_view(self, pose: Pose, half_width_m: float, half_thickness_m: float) -> tuple[Array, Array]:
-        """Return the scatterers that are seen from `pose`, see `Tissue`."""
+        """Return positions (n, 3) m and amplitudes (n,) of what is seen from `pose`, see `Tissue`.
+
+        Raises:
+            ValueError: If the tissue is a recorded image, which has no scatterers.
+        """
 
     @abc.abstractmethod
     def recorded_frame(self, pose: Pose, shape: tuple[int, int], pixel_size: float) -> Frame | None:
-        """Return the frame of a recorded image, None where frames are simulated, see `Tissue`."""
+        """Return the frame of a recorded image, `shape` (height_px, width_px) uint8; None where simulated.
+
+        Args:
+            pose: Of the probe.
+            shape: Rows and columns of the frame.
+            pixel_size: Side of a pixel, m.
+        """
 
 
 # Not the volume itself in an anatomy, so that a pickled one is its configuration.

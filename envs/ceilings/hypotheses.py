@@ -66,7 +66,7 @@ class Hypotheses:
 
     @cached_property
     def starts(self) -> Ints:
-        """The hypotheses with which an episode may begin, each as likely as the others."""
+        """The hypotheses with which an episode may begin, (n_starts * n_targets,), all as likely."""
         places = np.array([self.task.indices[pose] for pose in self.task.starts])
         return np.asarray((places[:, np.newaxis] * len(self.targets) + np.arange(len(self.targets))).ravel())
 

@@ -94,18 +94,6 @@ class Teacher:
         return self._over_starts(self._plan(self.task.n_steps)[0])
 
     @cached_property
-    def own_return(self) -> float:
-        """The mean return over the starts of the policy that takes the first action without cost."""
-        n_columns = self._depths.n_columns
-        chosen = self._costs.argmin(axis=1).reshape(-1, n_columns)
-        values = np.zeros(chosen.shape)
-        for _ in range(self.task.n_steps):
-            arrived = self._arrived(values)
-            every = [self._q(action, arrived) for action in range(len(self.task.actions))]
-            values = np.choose(chosen, every)
-        return self._over_starts(values)
-
-    @cached_property
     def best_score(self) -> float:
         """The score of `best_return`: 0 for random actions, 1 for the best policy that knows all."""
         depths = self.phantoms.depth_mm if self.task.moves_focus else (self.known.targets[0].focal_depth_mm,)

@@ -113,7 +113,10 @@ def check_pose_told(names: Sequence[str], task: Task, who: str) -> None:
 
 
 def parts(observation: Observation) -> dict[str, npt.NDArray[Any]]:
-    """Return an observation as a dictionary, as it is where there are senses."""
+    """Return an observation as a dictionary, as it is where there are senses.
+
+    Its `image` is (height_px, width_px, n_frames), its `senses` are (n_frames * size,).
+    """
     return observation if isinstance(observation, dict) else {IMAGE: observation}
 
 

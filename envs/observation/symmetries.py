@@ -12,13 +12,14 @@ Each undoes itself, and their order does not matter: together they make eight sy
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
 import numpy.typing as npt
 
-from usbench.envs.observation.senses import ACTIONS, IMAGE, SENSES, Observation, Senses, parts, whole
+from usbench.envs.observation.senses import ACTIONS, Senses
 from usbench.envs.pose import Move, Pose
 from usbench.envs.task import Task
 
@@ -44,16 +45,6 @@ class Symmetries:
     def __len__(self) -> int:
         """How many there are."""
         return len(self.mirrored)
-
-    def observation(self, number: int, observation: Observation) -> Observation:
-        """Return what frames (height, width, n) and senses (n * size,) become by symmetry `number`."""
-        known = dict(parts(observation))
-        if self.mirrored[number]:
-            known[IMAGE] = known[IMAGE][:, ::-1].copy()
-        if SENSES in known:
-            each = known[SENSES].reshape(-1, self.sources.shape[1])
-            known[SENSES] = (each[:, self.sources[number]] * self.signs[number]).reshape(-1)
-        return whole(known)
 
 
 @dataclass(frozen=True)
@@ -86,12 +77,20 @@ _ALL = tuple(
 )
 
 
-def symmetries(senses: Senses) -> Symmetries:
-    """Return the symmetries of the senses' task that lead from its poses to its poses, each once."""
+def symmetries(senses: Senses, *, of_drawn_tissue: bool = True) -> Symmetries:
+    """Return the symmetries of the senses' task, each once.
+
+    They are those that lead from its poses to its poses, and from its actions and slips to its own.
+
+    Args:
+        senses: What the agent is told beside the frames.
+        of_drawn_tissue: Whether the tissue is drawn evenly on both sides of every axis, as that of a custom
+            anatomy is not: then the symmetry that changes nothing is the only one.
+    """
     task = senses.task
     found = []
-    for change in _ALL:
-        if {change.pose(pose) for pose in task.states} <= task.indices.keys():
+    for change in _ALL if of_drawn_tissue else _ALL[:1]:
+        if _keeps(change, task):
             becomes = _actions(change, task)
             found.append((change.mirrors, *_on_senses(change, senses, becomes), becomes))
     # Where a probe never turns, some are the same for the agent.
@@ -104,6 +103,17 @@ def symmetries(senses: Senses) -> Symmetries:
         signs=np.array(signs, np.float32),
         actions=np.array(actions, np.int64),
         coordinates=np.arange(senses.size) < senses.size - n_actions,
+    )
+
+
+def _keeps(change: _Change, task: Task) -> bool:
+    """Return whether poses, actions and slips of the task become such of the task, slips as probable."""
+    moves = {action.move for action in task.actions}
+    slips = Counter(task.displacements)
+    return (
+        {change.pose(pose) for pose in task.states} <= task.indices.keys()
+        and {change.move(move) for move in moves} <= moves
+        and Counter(change.move(move) for move in slips.elements()) == slips
     )
 
 

@@ -114,7 +114,12 @@ class RandomPhantomEnv(GuidanceEnv):
     phantom: Phantom
 
     def __init__(self, *, phantoms: PhantomDistribution | None = None, **kwargs: Any) -> None:
-        """Check the configuration; the first phantom comes with the first reset."""
+        """Check the configuration; the first phantom comes with the first reset.
+
+        Raises:
+            TypeError: If `phantom` is given, or an argument has the wrong type.
+            ValueError: If a value is not allowed.
+        """
         if "phantom" in kwargs:
             raise TypeError("phantom is drawn anew in every episode: pass phantoms, what it is drawn from.")
         if phantoms is not None and not isinstance(phantoms, PhantomDistribution):

@@ -21,7 +21,11 @@ def mode(value: AutoresetMode | str) -> AutoresetMode:
 
 
 def actions(value: npt.ArrayLike, num_envs: int, n_actions: int) -> list[int]:
-    """Return an action per environment, or raise ValueError."""
+    """Return an action per environment, from an array (num_envs,) of integers.
+
+    Raises:
+        ValueError: If the array has another shape or type, or an action is not in [0, n_actions).
+    """
     chosen = np.asarray(value)
     if chosen.shape != (num_envs,) or chosen.dtype.kind not in "iu":
         raise ValueError(f"actions must be {num_envs} whole numbers, not {value!r}.")
@@ -48,7 +52,11 @@ def seeds(value: int | Sequence[int | None] | None, num_envs: int) -> list[int |
 
 
 def mask(value: Any, num_envs: int) -> npt.NDArray[np.bool_]:
-    """Return the mask of a reset, or raise ValueError."""
+    """Return the mask of a reset, (num_envs,) bool: which environments are reset.
+
+    Raises:
+        ValueError: If it is no such array, or none is reset.
+    """
     shape = (num_envs,)
     if (
         not isinstance(value, np.ndarray)

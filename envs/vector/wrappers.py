@@ -53,7 +53,15 @@ class VectorImageStack(VectorWrapper):
         return self._shown(), infos
 
     def step(self, actions: npt.NDArray[Any]) -> Step:
-        """Step the environments; their images become the last channels of the stacks."""
+        """Step the environments; their images become the last channels of the stacks.
+
+        Args:
+            actions: One for each environment, (num_envs,) integers.
+
+        Returns:
+            Observations whose images are stacks (num_envs, height_px, width_px, n_frames), and the rest of
+            Gymnasium's tuple as the environments gave it.
+        """
         observations, rewards, terminations, truncations, infos = self.env.step(actions)
         seen, ended = parts(observations), terminations | truncations
         last = dict(seen)
@@ -116,7 +124,7 @@ class VectorNormalizeImage(VectorWrapper):
         return with_image(observations, self._normalized), infos
 
     def step(self, actions: npt.NDArray[Any]) -> Step:
-        """Step the environments and normalize their images."""
+        """Step the environments, with actions (num_envs,); images become float32 of the same shape."""
         observations, rewards, terminations, truncations, infos = self.env.step(actions)
         for i in np.flatnonzero(infos.get("_final_obs", ())):
             infos["final_obs"][i] = with_image(infos["final_obs"][i], self._normalized)

@@ -35,9 +35,7 @@ def kept_frames():
 @pytest.fixture
 def scans(monkeypatch, tmp_path):
     """A cache of this test alone, and the list of what was simulated."""
-    from stored import coded_scan
-
-    from usbench.envs import frames
+    from stored import coded_scan, fresh_stores
 
     calls = []
 
@@ -50,9 +48,8 @@ def scans(monkeypatch, tmp_path):
     for module in ("frames", "scanner"):  # one by one, and in batches
         monkeypatch.setattr(f"usbench.envs.{module}.scan", scan)
     # The stores that the whole process shares must neither have frames of the simulator, nor keep these.
-    frames.forget_stores()
+    fresh_stores(monkeypatch)
     yield calls
-    frames.forget_stores()
 
 
 @pytest.fixture

@@ -111,6 +111,8 @@ def test_page_that_is_out_of_date_does_nothing_and_learns_what_is(url, elsewhere
         status, answer = ask(url + button, {**body, "place": place})
         answer = json.loads(answer)
         assert status == 409 and answer["error"].startswith("This examination went on in another tab")
+        # The page says so too, where it finds out by itself.
+        assert answer["error"] == answer["state"]["elsewhere"]
         assert answer["state"] == now == settled(url), button
     assert ask(url + "act", {"action": 4})[0] == ask(url + "act", {"action": 4, "place": [1]})[0] == 409
 

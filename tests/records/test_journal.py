@@ -34,10 +34,16 @@ def test_torn_last_line_is_passed_over(path):
     assert read_rows(path) == ROWS
 
 
-@pytest.mark.parametrize("line", [b"{broken\n", b"[1]\n", b"\xff\n"])
+@pytest.mark.parametrize("line", [b"{broken\n", b"[1]\n", b"\xff\n", b"[" * 100_000 + b"\n"])
 def test_broken_line_in_between_is_refused(path, line):
     path.write_bytes(line + path.read_bytes())
     with pytest.raises(ValueError, match="line 1"):
+        read_rows(path)
+
+
+def test_file_that_does_not_fit_into_the_memory_is_refused(path, monkeypatch):
+    monkeypatch.setattr(type(path), "read_bytes", lambda _: bytes(1 << 62))
+    with pytest.raises(ValueError, match=f"^{path} is not a record: it does not fit into the memory.$"):
         read_rows(path)
 
 

@@ -118,10 +118,18 @@ def test_load_refuses_an_unknown_table(tmp_path):
         records.load(tmp_path, "scores")
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", '{"schema": 99}'])
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"schema": 99}', "[" * 100_000, '{"a":' * 100_000])
 def test_broken_trial_file_is_refused(tmp_path, text):
     (tmp_path / records.TRIAL).write_text(text)
     with pytest.raises(ValueError, match=r"trial\.json"):
+        Trial.read(tmp_path)
+
+
+def test_trial_file_that_does_not_fit_into_the_memory_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(type(tmp_path), "read_bytes", lambda _: bytes(1 << 62))
+    with pytest.raises(
+        ValueError, match=r"trial\.json is not a trial record: it does not fit into the memory"
+    ):
         Trial.read(tmp_path)
 
 

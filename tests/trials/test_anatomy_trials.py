@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import sweep_worker
 from state_files import read_state
+from stored import fresh_stores
 from volumes import block, write
 
 from usbench import anatomy_record, cli, records, suite
@@ -47,7 +48,7 @@ def _true_frames(monkeypatch, folder):
     monkeypatch.setenv("USBENCH_CACHE", str(folder / "cache"))
     for module in ("envs.guidance", "setting", "trials.tensorboard", "guide.examination"):
         monkeypatch.setattr(f"usbench.{module}.frame_store", frames.frame_store)
-    frames.forget_stores()
+    fresh_stores(monkeypatch)
 
 
 @pytest.fixture
@@ -56,7 +57,6 @@ def made(_made, tmp_path, monkeypatch):
     shutil.copytree(_made, tmp_path, dirs_exist_ok=True)
     _true_frames(monkeypatch, tmp_path)
     yield tmp_path
-    frames.forget_stores()
 
 
 @pytest.fixture
@@ -153,7 +153,7 @@ def test_watching_finds_the_volume_again_or_says_what_is_missing(trial, _made, c
     tissue._volume.cache_clear()
     assert cli.main(["watch", str(trial), "--episode", "0"]) == 0
     shutil.rmtree(made / "cache")
-    frames.forget_stores()
+    fresh_stores(monkeypatch)
     capsys.readouterr()
     assert cli.main(["watch", str(trial), "--episode", "0"]) == 2
     assert f"there is no volume '{gone.path}'" in capsys.readouterr().err

@@ -3,6 +3,7 @@
 import itertools
 import json
 import os
+import shutil
 import zipfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -138,6 +139,18 @@ def test_changed_weights_are_noticed(finished):
             find_finished(config(), finished.parent)
     path.write_bytes(whole)
     assert find_finished(config(), finished.parent)
+
+
+def test_trial_that_another_process_ends_meanwhile_is_not_taken_for_damaged(finished, tmp_path, monkeypatch):
+    out, find = tmp_path / "others", Trial.find
+
+    def ended_meanwhile(folder):
+        if not folder.exists():
+            shutil.copytree(finished, folder)
+        return find(folder)
+
+    monkeypatch.setattr(Trial, "find", ended_meanwhile)
+    assert find_finished(config(), out).status == "finished"
 
 
 def test_agents_that_do_not_learn_have_models_too(quick, tmp_path):

@@ -326,7 +326,15 @@ def test_record_that_is_no_configuration_is_refused(finished, changes, said):
     assert said in refusal(finished)
 
 
-@pytest.mark.parametrize("text", ["", "[]", "{}", '{"config": 3}', "no JSON"])
+@pytest.mark.parametrize("imaging", [{"height_px": 10**8, "width_px": 10**8}, {"width_px": 4}])
+def test_agent_that_cannot_be_made_is_refused(finished, imaging):
+    state = read_state(finished)
+    state["config"]["environment"]["imaging"] |= imaging
+    write_state(finished, state)
+    assert f"the agent of {str(finished)!r} cannot be made" in refusal(finished)
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"config": 3}', "no JSON", "[" * 100_000])
 def test_broken_record_is_refused(finished, text):
     (finished / records.TRIAL).write_text(text)
     assert "record" in refusal(finished)

@@ -12,7 +12,7 @@ import trials
 from trials import ENDED_AT, FIRST_TOLD, Killed, Until, ended, go_on
 
 from usbench import records
-from usbench.records import ConfigurationError, checksums
+from usbench.records import ConfigurationError, Trial, checksums
 from usbench.trials import learning, resume_files, runner
 
 _KILLED = []
@@ -130,6 +130,17 @@ def test_checkpoint_of_other_circumstances_is_not_gone_on_from(killed, caplog, m
     monkeypatch.setattr(checksums, "of_source", lambda _: "edited")
     assert go_on(killed) == FIRST_TOLD
     assert "differs in versions and processor and code" in caplog.text
+
+
+@pytest.mark.parametrize("on_the_way", [True, False])
+def test_checkpoint_with_other_evaluation_points_is_not_gone_on_from(often, tmp_path, caplog, on_the_way):
+    config = trials.config("vpg")
+    with pytest.raises(trials.Killed):
+        runner.run_trial(config, tmp_path, progress=Until(ENDED_AT), evaluates_on_the_way=not on_the_way)
+    trial = Trial.read(runner.run_trial(config, tmp_path, evaluates_on_the_way=on_the_way).folder)
+    assert "comes from a trial that differs in evaluation_points" in caplog.text
+    assert trial.evaluation_points == ((0, 32, 64) if on_the_way else (64,))
+    assert tuple(sorted(set(trial.evaluations()["checkpoint"]))) == trial.evaluation_points
 
 
 def test_checkpoint_of_another_trial_is_not_gone_on_from(undisturbed, killed, tmp_path, caplog):

@@ -13,9 +13,9 @@ from usbench import records, suite
 from usbench.agents import zoo
 from usbench.agents.vpg import VPG
 from usbench.records import ConfigurationError
-from usbench.records.journal import read_rows
+from usbench.records.journal import Journal, read_rows
 from usbench.setting import Setting, make_env
-from usbench.trials import callback, runner
+from usbench.trials import callback, learning, runner
 from usbench.trials.configuration import resolve
 from usbench.trials.evaluation import Evaluator
 from usbench.watch import replay
@@ -183,6 +183,21 @@ def test_failed_trial_says_why_and_keeps_its_records(quick, tmp_path):
     assert len(records.load(folder, "episodes")) == 5
 
 
+def test_trial_whose_agent_cannot_be_made_leaves_no_file_open(quick, tmp_path, monkeypatch):
+    opened = []
+
+    class Kept(Journal):
+        def __init__(self, path):
+            super().__init__(path)
+            opened.append(self._file)
+
+    monkeypatch.setattr(learning, "Journal", Kept)
+    monkeypatch.setattr(zoo, "make", lambda *_, **__: 1 / 0)
+    with pytest.raises(runner.TrialError, match="ZeroDivisionError"):
+        run(tmp_path)
+    assert len(opened) == 2 and all(file.closed for file in opened)
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -197,6 +212,12 @@ def test_failed_trial_says_why_and_keeps_its_records(quick, tmp_path):
         ({"steps": -16}, "steps.*-16"),
         ({"steps": 16.5}, "steps.*16.5"),
         ({"steps": True}, "steps.*True"),
+        ({"n_frames": 0}, r"n_frames must be a whole number in \[1, 64\], not 0\."),
+        ({"n_frames": 65}, r"n_frames must be a whole number in \[1, 64\], not 65\."),
+        ({"n_frames": True}, "n_frames.*True"),
+        ({"n_frames": "4"}, "n_frames.*'4'"),
+        # The network would take the columns for the frames, once the frames are simulated.
+        ({"n_frames": 40}, r"n_frames must be a whole number in \[1, 39\], below the rows.*, not 40\."),
         ({"preset": "spinnup"}, "'spinup'"),
         ({"overrides": {"gama": "0.9"}}, "'gamma'"),
         ({"overrides": {"gamma": "2.0"}}, "gamma.*2.0"),

@@ -22,6 +22,8 @@ Work = Callable[["Session"], None]
 # benchmarks/guide.py best:pp-tracked: 9 of 10 keys are shown within 31 ms, without it 40; with --pause 0,
 # the median is 30 ms, without it 35.
 ANSWERING = 0.015
+# What a page that is out of date says, once it is no longer.
+ELSEWHERE = "This examination went on in another tab: the page shows now where it is."
 
 
 class Stale(Exception):
@@ -111,7 +113,7 @@ class Desk:
     def _show(self, session: Session, error: Exception | None = None) -> None:
         """Show the session; why its last work failed takes the place of its message."""
         told = {} if error is None or isinstance(error, Stale) else {"message": str(error)}
-        self._shown = session.state() | told
+        self._shown = session.state() | told | {"elsewhere": ELSEWHERE}
 
 
 def _raised(call: Callable[[], None]) -> Exception | None:

@@ -18,7 +18,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from usbench.checks import ConfigurationError, install, whole_number
-from usbench.guide.desk import Desk, Stale, Tell, Work
+from usbench.guide.desk import ELSEWHERE, Desk, Stale, Tell, Work
 
 try:
     import uvicorn
@@ -40,7 +40,6 @@ if TYPE_CHECKING:
 HOST = "127.0.0.1"
 PAGE = Path(__file__).with_name("page")
 PATIENCE = 0.3  # s that an answer waits for work; the page hears of work that takes longer
-STALE = "This examination went on in another tab: the page shows now where it is."
 # Only what comes from here is loaded, and no other page may hold this one in a frame.
 HEADERS = {
     "Content-Security-Policy": "default-src 'self'; frame-ancestors 'none'; form-action 'none'",
@@ -81,7 +80,7 @@ def application(desk: Desk, token: str) -> Starlette:
         await asyncio.wait([job], timeout=PATIENCE)
         error = job.exception() if job.done() else None
         if isinstance(error, Stale):
-            return _answer({"error": STALE, "state": desk.state()}, 409)
+            return _answer({"error": ELSEWHERE, "state": desk.state()}, 409)
         if isinstance(error, ValueError | TypeError | OverflowError):
             raise Refused(400, str(error)) from error
         if error is not None:

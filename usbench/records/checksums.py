@@ -13,7 +13,11 @@ KEY = "checksum"
 
 def of(folder: Path, names: Iterable[str]) -> dict[str, str]:
     """Return the SHA-256 of the files `names` in `folder`."""
-    return {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in names}
+    found = {}
+    for name in names:
+        with (folder / name).open("rb") as file:
+            found[name] = hashlib.file_digest(file, "sha256").hexdigest()
+    return found
 
 
 def of_state(state: Mapping[str, Any]) -> str:

@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Any, Self
 
 Mark = dict[str, int | str]
+# What reading JSON raises of a file that is damaged, or made to be: lists in lists without end, or too large.
+UNREADABLE = (ValueError, RecursionError, MemoryError)
 
 
 class Journal:
@@ -87,12 +89,15 @@ def read_rows(path: Path) -> list[dict[str, Any]]:
     """Read a journal; a last line that a crash left unfinished is passed over.
 
     Raises:
-        ValueError: If any other line is broken.
+        ValueError: If any other line is broken, or the file does not fit into the memory.
     """
     rows: list[dict[str, Any]] = []
     if not path.exists():
         return rows
-    lines = path.read_bytes().split(b"\n")
+    try:
+        lines = path.read_bytes().split(b"\n")
+    except MemoryError as error:
+        raise ValueError(f"{path} is not a record: {told(error)}.") from error
     for number, line in enumerate(lines, start=1):
         # A whole line ends with a newline, so what stands after the last one is torn or empty.
         if number == len(lines):
@@ -101,7 +106,12 @@ def read_rows(path: Path) -> list[dict[str, Any]]:
             row = json.loads(line)
             if not isinstance(row, dict):
                 raise ValueError("not an object")
-        except ValueError as error:
-            raise ValueError(f"{path}, line {number}, is not a record: {error}.") from error
+        except UNREADABLE as error:
+            raise ValueError(f"{path}, line {number}, is not a record: {told(error)}.") from error
         rows.append(row)
     return rows
+
+
+def told(error: BaseException) -> str:
+    """Return what an error of `UNREADABLE` says; one of the memory says nothing by itself."""
+    return str(error) or "it does not fit into the memory"

@@ -21,7 +21,7 @@ from usbench.checks import misfit
 from usbench.records.checksums import KEY, check, damaged, of_state
 from usbench.records.configuration import TrialConfig
 from usbench.records.folder import EPISODES, EVALUATIONS, TRIAL, existing, no_trial, trial_folders
-from usbench.records.journal import read_rows
+from usbench.records.journal import UNREADABLE, read_rows, told
 
 SCHEMA = 1
 STRICT = ConfigDict(
@@ -102,12 +102,11 @@ class Trial:
         """
         path = folder / TRIAL
         try:
-            text = path.read_bytes()
-            content = json.loads(text)
+            content = json.loads(path.read_bytes())
         except (FileNotFoundError, NotADirectoryError):
             return None
-        except ValueError as error:
-            raise ValueError(f"{path} is not a trial record: {error}.") from error
+        except UNREADABLE as error:
+            raise ValueError(f"{path} is not a trial record: {told(error)}.") from error
         if not isinstance(content, dict):
             raise ValueError(
                 f"{path} is not a trial record: it holds {type(content).__name__}, not an object."

@@ -49,6 +49,8 @@ def resolve(
         met = Setting(task=task, **setting)
         if entry.needs:
             getattr(met, entry.needs)()
+        if algo.partition("+")[0] in zoo.ZOO and entry.policy is not None:
+            _check_stack(met)
         hyperparameters = zoo.hyperparameters(algo, task, preset=preset, overrides=overrides or {})
         # Nothing is forgotten over the task's whole budget.
         if "buffer_size" in hyperparameters and "buffer_size" not in (overrides or {}):
@@ -78,3 +80,16 @@ def resolve(
         environment=met.record(),
         n_envs=n_envs,
     )
+
+
+def _check_stack(setting: Setting) -> None:
+    """Raise ValueError if a stack has as many frames as a frame has rows or columns, or more.
+
+    Our networks take the smallest axis for that of the frames.
+    """
+    n_pixels = min(setting.imaging.height_px, setting.imaging.width_px)
+    if setting.n_frames >= n_pixels:
+        raise ValueError(
+            f"n_frames must be a whole number in [1, {n_pixels - 1}], below the rows and the columns of a "
+            f"frame, not {setting.n_frames}."
+        )

@@ -17,12 +17,13 @@ def find_finished(config: TrialConfig, out: Path) -> Trial | None:
         ValueError: If its files were damaged; one sentence says which.
     """
     folder = out / config.folder_name
-    # Algorithms of other packages write what they like.
-    model_is_whole = config.algo not in zoo.ZOO or _is_whole_zip(folder / records.MODEL)
+    # The record first: of a trial that another process ends meanwhile, all else is whole by then.
     trial = Trial.find(folder)
     if trial is None or trial.status != "finished":
         return None
     checksums.check(folder, trial.checksums)
+    # Algorithms of other packages write what they like.
+    model_is_whole = config.algo not in zoo.ZOO or _is_whole_zip(folder / records.MODEL)
     for name, is_whole in (
         (records.TRIAL, trial.config.hash == config.hash),
         (records.MODEL, model_is_whole),

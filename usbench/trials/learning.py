@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.logger import Logger, configure
+from stable_baselines3.common.logger import configure
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
 from usbench.agents import model_state, zoo
@@ -79,33 +79,39 @@ class Learning:
         self._resume_files: ResumeFiles | None = resume_files
         self._goes_on = False
         self._interruption = interruption.Interruption()
-        self._logger: Logger | None = None
-        self._journals = tuple(Journal(trial.folder / name) for name in (EPISODES, EVALUATIONS))
-        self.watch = TrainingWatch(
-            steps=config.steps,
-            evaluation_points=trial.evaluation_points,
-            evaluator=evaluator,
-            score=trial.anchors.score,
-            episodes=self._journals[0],
-            evaluations=self._journals[1],
-            progress=progress,
-            boundary=self._keep,
-        )
-        self._recorder: Recorder | VectorRecorder
-        vec_env: VecEnv
-        self._recorder, vec_env = recorded(setting, config.n_envs, self.watch.on_episode)
-        env_seed, agent_seed = seeds_of(config.seed, config.algo)
-        self.agent = make_agent(setting, config.algo, vec_env, agent_seed, config.hyperparameters)
-        # After the agent was made: SB3 hands its own seed to the environment there.
-        vec_env.seed(env_seed)
-        # What must be the same for the bits to be the same.
-        self._made_by = {
-            "versions": dict(trial.versions),
-            "frames": asdict(trial.frames) if trial.frames else {},
-            **machine(),
-            "configuration": config.hash,
-            "code": checksums.of_source(type(self.agent)),
-        }
+        with contextlib.ExitStack() as held:
+            self._journals = tuple(
+                held.enter_context(Journal(trial.folder / name)) for name in (EPISODES, EVALUATIONS)
+            )
+            self.watch = TrainingWatch(
+                steps=config.steps,
+                evaluation_points=trial.evaluation_points,
+                evaluator=evaluator,
+                score=trial.anchors.score,
+                episodes=self._journals[0],
+                evaluations=self._journals[1],
+                progress=progress,
+                boundary=self._keep,
+            )
+            self._recorder: Recorder | VectorRecorder
+            vec_env: VecEnv
+            self._recorder, vec_env = recorded(setting, config.n_envs, self.watch.on_episode)
+            env_seed, agent_seed = seeds_of(config.seed, config.algo)
+            self.agent = make_agent(setting, config.algo, vec_env, agent_seed, config.hyperparameters)
+            # After the agent was made: SB3 hands its own seed to the environment there.
+            vec_env.seed(env_seed)
+            # What must be the same for the bits to be the same.
+            self._made_by = {
+                "versions": dict(trial.versions),
+                "frames": asdict(trial.frames) if trial.frames else {},
+                **machine(),
+                "configuration": config.hash,
+                # Not of the training's bits, but of the records that go on.
+                "evaluation_points": list(trial.evaluation_points),
+                "code": checksums.of_source(type(self.agent)),
+            }
+            # Only now: what was opened for a start that fails is closed.
+            self._held = held.pop_all()
 
     def put_back(self, content: Mapping[str, Any]) -> None:
         """Go on as the content of a resume file says.
@@ -114,7 +120,7 @@ class Learning:
             ValueError: If it was made otherwise, or the journals are not what they were then; anything else
                 if it is not of this training at all.
         """
-        different = [name for name, value in self._made_by.items() if content["made_by"][name] != value]
+        different = [name for name, value in self._made_by.items() if content["made_by"].get(name) != value]
         if different:
             raise ValueError(f"it comes from a trial that differs in {' and '.join(different)}.")
         for journal, mark in zip(self._journals, content["journals"], strict=True):
@@ -141,8 +147,9 @@ class Learning:
         """
         steps = self._config.steps
         if isinstance(self.agent, BaseAlgorithm):
-            self._logger = configure(str(tensorboard), ["tensorboard"])
-            self.agent.set_logger(self._logger)
+            logger = configure(str(tensorboard), ["tensorboard"])
+            self._held.callback(logger.close)
+            self.agent.set_logger(logger)
             left = steps - self.agent.num_timesteps if self._goes_on else steps
             with interruption.put_off(self._progress.stopping) as self._interruption:
                 self.agent.learn(left, callback=self.watch, reset_num_timesteps=not self._goes_on)
@@ -157,10 +164,7 @@ class Learning:
 
     def close(self) -> None:
         """Close the records, and TensorBoard's events, whose thread would outlive the trial."""
-        for journal in self._journals:
-            journal.close()
-        if self._logger is not None:
-            self._logger.close()
+        self._held.close()
 
     def _keep(self, at_end: bool) -> None:
         """Write a resume file if it is time; nothing here may change what is drawn or learned afterwards.

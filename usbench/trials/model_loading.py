@@ -78,7 +78,12 @@ def load_agent(path: str | Path, *, algo: str | None = None, task: str | None = 
         )
     else:
         config = resolve(algo, task)
-    agent = _build(config)
+    try:
+        agent = _build(config)
+    except ConfigurationError:
+        raise
+    except Exception as error:  # frames that fill the memory, and whatever else a stranger's record says
+        raise ConfigurationError(f"the agent of {str(path)!r} cannot be made ({_words(error)}).") from error
     if zoo.entry(config.algo).learns:
         if not isinstance(agent, BaseAlgorithm):
             raise ConfigurationError(

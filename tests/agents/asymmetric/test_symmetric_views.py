@@ -5,6 +5,7 @@ import pytest
 import torch
 from signs import Signs
 from stable_baselines3.common.vec_env import DummyVecEnv
+from symmetric import viewed
 
 from usbench.agents import zoo
 from usbench.agents.value_based.views import Views
@@ -68,7 +69,7 @@ def test_a_sample_is_a_view_of_its_step_with_the_steps_advantage_and_state(setti
             views = [
                 number
                 for number in range(len(symmetries))
-                if same(shown, symmetries.observation(number, one_of(seen, step)))
+                if same(shown, viewed(symmetries, number, one_of(seen, step)))
                 and symmetries.actions[number, actions[step]] == batch.actions[k, 0]
             ]
             assert views

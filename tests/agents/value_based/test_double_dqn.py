@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import symmetric
 import torch
 from gymnasium import spaces
 from signs import Signs
@@ -42,7 +43,7 @@ def test_views_of_batches_are_those_of_the_symmetries():
     viewed = views.observations(seen, numbers)
     for k in range(8):
         one = {name: values[k].numpy() for name, values in seen.items()}
-        expected = SYMMETRIES.observation(k, one)
+        expected = symmetric.viewed(SYMMETRIES, k, one)
         np.testing.assert_array_equal(viewed["image"][k], expected["image"])
         np.testing.assert_array_equal(viewed["senses"][k], expected["senses"])
     actions = torch.arange(8)[:, None] % 5

@@ -1,9 +1,14 @@
 """The exact symmetries of tasks: laws of a group, and real environments that do what the symmetries say."""
 
+from dataclasses import replace
+
 import gymnasium as gym
 import numpy as np
 import pytest
+from symmetric import viewed
+from volumes import block
 
+from usbench import anatomy_record
 from usbench.envs.observation.senses import available, checked
 from usbench.envs.observation.symmetries import _ALL, symmetries
 from usbench.envs.observation.wrappers import ImageStack
@@ -30,12 +35,12 @@ def random_observation(one, n_frames=2):
 def test_symmetries_are_a_group_in_which_each_undoes_itself(task):
     known = found(task)
     observation = random_observation(known)
-    seen = [known.observation(k, observation) for k in range(len(known))]
+    seen = [viewed(known, k, observation) for k in range(len(known))]
     np.testing.assert_equal(seen[0], observation)
     assert known.actions[0].tolist() == list(range(known.actions.shape[1]))
     for first in range(len(known)):
         for second in range(len(known)):
-            both = known.observation(second, seen[first])
+            both = viewed(known, second, seen[first])
             same = [k for k in range(len(known)) if np.array_equal(seen[k]["senses"], both["senses"])]
             same = [k for k in same if np.array_equal(seen[k]["image"], both["image"])]
             assert len(same) == 1
@@ -52,6 +57,27 @@ def test_a_probe_that_never_turns_has_one_symmetry_and_one_that_turns_has_seven(
 
 def test_the_action_that_ends_an_episode_stays():
     assert (found("exam-stop").actions[:, -1] == found("exam-stop").actions.shape[1] - 1).all()
+
+
+def test_symmetries_for_which_an_action_or_a_slip_is_missing_are_left_out():
+    task = TASKS["fp-random"].guidance
+    assert len(symmetries(checked((), task))) == 2
+    (right,) = (action for action in task.actions if action.move.x_mm > 0)
+    for changes in (
+        {"actions": tuple(action for action in task.actions if action != right)},
+        {"displacements": (right.move,)},
+        # Both ways, but one of them more often.
+        {"displacements": (*task.displacements, right.move)},
+    ):
+        assert len(symmetries(checked((), replace(task, **changes)))) == 1
+
+
+def test_custom_anatomy_has_no_symmetry(tmp_path):
+    block(tmp_path / "block.mha")
+    anatomy = anatomy_record.read(tmp_path / "block.mha", {"target_x_mm": 10, "target_angle_deg": 30})
+    known = Setting(task="pp", anatomy=anatomy).symmetries()
+    assert len(known) == 1
+    assert known.actions.tolist() == [[0, 1, 2, 3, 4]] and known.mirrored.tolist() == [False]
 
 
 def play(target, start, actions, seed):
@@ -77,8 +103,8 @@ def test_symmetric_scenes_tell_and_earn_the_same_but_for_speckle(number):
     assert rewards == earned
     alike = []
     for image, other in zip(images, others, strict=True):
-        viewed = known.observation(number, image)
-        np.testing.assert_array_equal(viewed["senses"], other["senses"])
-        alike.append(np.corrcoef(viewed["image"].ravel(), other["image"].ravel())[0, 1])
+        seen = viewed(known, number, image)
+        np.testing.assert_array_equal(seen["senses"], other["senses"])
+        alike.append(np.corrcoef(seen["image"].ravel(), other["image"].ravel())[0, 1])
     # The same pose in other speckle has 0.98 and more, the first one mirrored wrongly 0.89.
     assert min(alike) > 0.97

@@ -5,6 +5,7 @@ from dataclasses import replace
 import gymnasium as gym
 import numpy as np
 import pytest
+from stored import fresh_stores
 
 import usbench  # noqa: F401, registers the environments
 from usbench.checks import ConfigurationError
@@ -96,11 +97,10 @@ def test_frames_of_a_set_are_simulated_once(monkeypatch):
         return np.zeros((90, 40), np.uint8)
 
     monkeypatch.setattr(frames, "scan", scan)
-    frames.forget_stores()
+    fresh_stores(monkeypatch)
     env = Setting(task="pp-random", n_phantoms=12).make_env()
     for k in range(300):
         env.reset(seed=k)
-    frames.forget_stores()
     assert len({number for number, _ in made}) == 12
     assert len(made) == len(set(made))
 

@@ -81,11 +81,10 @@ function say(sentence) {
 }
 
 const OVER = "The episode is over: begin a new one (N).";
-const ELSEWHERE = "This examination went on in another tab: the page shows now where it is.";
 function act(action, since) {
   if (busy || !shown.over) send("act", { action }, since);
   // Unless another tab has begun a new one.
-  else send("state").then(() => say(shown.over ? OVER : ELSEWHERE));
+  else send("state").then(() => say(shown.over ? OVER : shown.elsewhere));
 }
 // Another task or noise begins a new episode: ask before one that has begun is lost.
 function change(choice, what) {
