@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 
 import pandas as pd
 
@@ -10,6 +11,7 @@ from usbench.atomic import atomic_file
 from usbench.records import ConfigurationError
 from usbench.results import (
     additions,
+    captions,
     held_out,
     provenance,
     ranking,
@@ -29,16 +31,6 @@ from usbench.tasks import row_of
 SCORES = "scores.csv"
 # Title, column of `scores.cells`, factor, digits.
 COLUMNS = (("return", "return", 1, 2), ("success (%)", "success_rate", 100, 0))
-# Names of figures that stand on the page, where they are drawn, and what they show.
-FIGURES = (
-    ("scores", "Score of every agent in every cell of the paper's tasks, with its interval"),
-    ("learning_curves", "Score over training steps on the paper's tasks, with its interval"),
-    ("other_scores", "Score of every agent in the other tasks, with its interval"),
-    (
-        f"{unseen.NAME}_scores",
-        "Score of every agent that learned on new phantoms with a budget for that, with its interval",
-    ),
-)
 MEASURES = f"""\
 Tables of single cells have the score with greedy and with sampled actions, the return and the success;
 `{SCORES}` has distance, plane error, steps to goal, area under the curve and training time, too."""
@@ -101,7 +93,7 @@ def write(folder: Path, path: Path) -> list[Path]:
             held_out.read(folder),
             studies.read(folder),
             tuning.read(folder),
-            _figures(folder, path),
+            captions.links(known, folder, files(path).name),
             additions.unverified(folder),
         ),
         path.with_name(SCORES): table,
@@ -117,19 +109,23 @@ def markdown(
     tested: pd.DataFrame | None = None,
     studied: pd.DataFrame | None = None,
     searched: pd.DataFrame | None = None,
-    figures: Sequence[str] = (),
+    figures: Mapping[str, Sequence[str]] = MappingProxyType({}),
     unverified: Collection[str] = (),
 ) -> str:
     """Return the leaderboard as Markdown.
 
     The others are what `held_out`, `studies` and `tuning` read, None where there is nothing; `figures` are
-    links to pictures, `unverified` names of trials: rows that hold one say so.
+    links to the pictures of each part of `scores.parts`, `unverified` names of trials: rows that hold one say
+    so. The pictures of the first part stand at the top, those of each other part in its own section.
     """
     doubted = set(unverified) & set(known.trials["trial"])
     reading = text.folded("How to read the numbers", f"{READING}\n{MEASURES}")
-    parts, notes = ["# Leaderboard", verdict.text(known, tested), *figures, reading], []
+    shown = dict(figures)
+    first = shown.pop(next(iter(scores.parts(known))), ())
+    parts, notes = ["# Leaderboard", verdict.text(known, tested), *first, reading], []
     for name, own in scores.parts(known).items():
-        parts += together.sections(own, name, ranking.improvement(scores.learners(own)), doubted)
+        pairs = ranking.improvement(scores.learners(own))
+        parts += together.sections(own, name, pairs, doubted, shown.get(name, ()))
         notes += [
             f"{text.code(agent)} is not in the table of {name}: {why}."
             for agent, why in sorted(scores.matrices(own)[1].items())
@@ -159,15 +155,6 @@ def markdown(
     if doubted:
         parts.append(additions.meaning(doubted))
     return "\n\n".join(parts) + "\n"
-
-
-def _figures(folder: Path, path: Path) -> list[str]:
-    """Return links from the leaderboard `path` to those figures that are drawn in `folder`."""
-    return [
-        f"![{words}]({files(path).name}/{name}.png)"
-        for name, words in FIGURES
-        if (folder / f"{name}.png").is_file()
-    ]
 
 
 def _cells(own: Results, rows: pd.DataFrame, where: str, doubted: set[str]) -> list[str]:

@@ -1,6 +1,6 @@
 """The sections of the leaderboard that are about all cells together, as Markdown."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 import pandas as pd
@@ -14,7 +14,13 @@ from usbench.results.text import DASH, agent, bounds, capital, code, folded, int
 CELLS = "mean of the cells' IQMs"
 
 
-def sections(own: Results, name: str, pairs: pd.DataFrame, doubted: Collection[str] = ()) -> list[str]:
+def sections(
+    own: Results,
+    name: str,
+    pairs: pd.DataFrame,
+    doubted: Collection[str] = (),
+    figures: Sequence[str] = (),
+) -> list[str]:
     """Return the sections of one part of the results, each with its heading.
 
     Args:
@@ -22,16 +28,18 @@ def sections(own: Results, name: str, pairs: pd.DataFrame, doubted: Collection[s
         name: What the part is called, one of those of `scores.parts`.
         pairs: What `ranking.improvement` gives for its learning agents.
         doubted: Names of trials that are not verified.
+        figures: Links to the pictures that stand in the section.
     """
     matrices, _ = scores.matrices(own)
     learners = scores.finals_of_learners(own)
     where = "" if name == scores.ALL else f": {name}"
     found = []
     if name in further.names():
-        found += [f"## Further table: {name}", further.describe(name)]
+        found += [f"## Further table: {name}", further.describe(name), *figures]
         found += [overall(own.trials, matrices, doubted)] if learners else []
-    elif matrices:
-        found += [f"## {capital(name)} together", overall(own.trials, matrices, doubted)]
+    elif matrices or figures:
+        found += [f"## {capital(name)} together", *figures]
+        found += [overall(own.trials, matrices, doubted)] if matrices else []
     if len(learners) > 1:
         found += [
             f"## Probability of improvement{where}",
