@@ -30,10 +30,12 @@ from usbench.tasks import row_of
 
 SCORES = "scores.csv"
 # Title, column of `scores.cells`, factor, digits.
-COLUMNS = (("return", "return", 1, 2), ("success (%)", "success_rate", 100, 0))
+RETURN, SUCCESS = ("return", "return", 1, 2), ("success (%)", "success_rate", 100, 0)
 MEASURES = f"""\
 Tables of single cells have the score with greedy and with sampled actions, the return and the success;
-`{SCORES}` has distance, plane error, steps to goal, area under the curve and training time, too."""
+those on new phantoms have the ceiling and what agents learned with in place of sampled actions and return.
+`{SCORES}` has sampled actions and return of all cells, distance, plane error, steps to goal, area under the
+curve and training time, too."""
 
 READING = """\
 The normalised score is (return - random) / (optimal - random), with exact anchors: 0 is a random agent,
@@ -135,18 +137,21 @@ def markdown(
         where = "" if name == further.GRID else f": {name}"
         parts += _cells(own, rows[rows["table"] == name], where, doubted)
         in_table = "" if name == further.GRID else f"In {name}: "
-        notes += [f"{in_table}{note}" for note in provenance.notes(own.trials)]
+        # What is said of all frames is said once.
+        notes += [f"{in_table}{note}" for note in provenance.notes(own.trials) if note not in notes]
     unseen = pd.DataFrame() if tested is None else held_out.table(further.first(known), tested)
     made = []
     if not unseen.empty:
-        parts += ["## Phantoms never seen", _unseen(unseen)]
+        parts += ["## Phantoms never seen", held_out.section(unseen)]
         missing = held_out.not_tested(further.first(known), tested)
         notes += [f"Agents of {cell.name} were not tested on phantoms never seen." for cell in missing]
         made.append("usbench transfer")
     if studied is not None and not studied.empty:
         parts += ["## People", studies.READING, text.table(studies.HEAD, studies.texts(studied), words=4)]
     if searched is not None and not searched.empty:
-        parts += ["## How hard each is to tune", tuning.section(searched)]
+        n_rows = text.rows(len(tuning.candidates(searched)))
+        folded = text.folded(f"Scores of candidates ({n_rows})", tuning.section(searched))
+        parts += ["## How hard each is to tune", tuning.ABOUT, folded]
         made.append("usbench leaderboard --search search")
     parts += ["## How this was made", provenance.making(known.trials, made)]
     if notes:
@@ -190,12 +195,13 @@ def _cell(rows: pd.DataFrame, settings: Mapping[str, str], doubtful: Collection[
 
     `settings` are those of each configuration, `doubtful` the agents that hold a trial that is not verified.
     """
-    differing = (rows["table"] == unseen.NAME).any()
     sampled = rows[rows["actions"] == SAMPLED].set_index(ROW)
     table = rows[rows["actions"] == SCORED]
     notes = [scores.note(*one) for one in zip(table["algo"], table["steps"], strict=True)]
     table = table.assign(note=notes, beside=[note != "" for note in notes])
     table = table.sort_values(["beside", "score", "agent"], ascending=[True, False, True], kind="stable")
+    differing = (rows["table"] == unseen.NAME).any()
+    measures = (SUCCESS,) if differing else (RETURN, SUCCESS)
     lines = []
     for row in table.to_dict("records"):
         other = sampled.loc[tuple(row[name] for name in ROW)]
@@ -204,39 +210,15 @@ def _cell(rows: pd.DataFrame, settings: Mapping[str, str], doubtful: Collection[
                 text.agent(row["agent"], row["note"], additions.MARK if row["agent"] in doubtful else ""),
                 f"{row['seeds']}/{row['seeds_asked']}",
                 text.interval(row["score"], row["score_low"], row["score_high"]),
-                text.interval(other["score"], other["score_low"], other["score_high"]),
+                *([] if differing else [text.interval(*other[["score", "score_low", "score_high"]])]),
                 *(
                     DASH if name in row_of(row["task"]).silent else text.number(scale * row[name], digits)
-                    for _, name, scale, digits in COLUMNS
+                    for _, name, scale, digits in measures
                 ),
                 *(unseen.columns(row, settings) if differing else ()),
             ]
         )
-    numbers = [*(title for title, *_ in COLUMNS), *(unseen.COLUMNS if differing else ())]
-    shown = text.table(["agent", "seeds", "score, greedy", "score, sampled", *numbers], lines)
-    return text.folded(f"Scores ({len(lines)} {'row' if len(lines) == 1 else 'rows'})", shown)
-
-
-def _unseen(table: pd.DataFrame) -> str:
-    """Return the table of agents trained on one phantom and on many, tested on unseen phantoms."""
-    rows = [
-        [
-            text.agent(row["agent"]),
-            Cell(row["task"], row["noise"]).name,
-            *(
-                text.interval(row[part], row[f"{part}_low"], row[f"{part}_high"])
-                for part in ("seen", "one", "many")
-            ),
-            text.number(row["gap"], 3),
-            f"{row['one_seeds']} and {row['many_seeds']}",
-        ]
-        for row in table.to_dict("records")
-    ]
-    head = ["agent", "cell", "one: its own", "one: never seen", "many: never seen", "gap", "seeds"]
-    return (
-        "Scores (IQM, greedy actions). An agent that was trained on one phantom is tested on that phantom "
-        "and on phantoms never seen; agents that were trained on many phantoms, where there are any, are "
-        "tested on the same phantoms never seen. The gap is the difference of the last two. `pp-random` also "
-        "has other starts than `pp`, which is a part of it. Written by `usbench transfer`.\n\n"
-        + text.table(head, rows)
-    )
+    titles = [title for title, *_ in measures]
+    more = [*titles, *unseen.COLUMNS] if differing else ["score, sampled", *titles]
+    shown = text.table(["agent", "seeds", "score, greedy", *more], lines)
+    return text.folded(f"Scores ({text.rows(len(lines))})", shown)
