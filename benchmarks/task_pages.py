@@ -9,6 +9,7 @@ import inspect
 import re
 from dataclasses import astuple
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -24,6 +25,8 @@ from usbench.watch.film import LAST_STEP_MS, STEP_MS
 FOLDER = Path(__file__).parents[1] / "docs" / "environments"
 QUALITY = 50
 WIDTH, STILL_WIDTH = 720, 360
+# Of the gallery. The style sheet of the site lays them below each other on telephones.
+COLUMNS = 3
 # Of a task's docstring, what the table does not say.
 SECTIONS = ("Action Space", "Observation Space", "Rewards", "Episode End", "Arguments", "Version History")
 
@@ -43,7 +46,7 @@ def text(task: str, anchors: Anchors) -> str:
         "start": starts(setting),
         "end": ("when the agent stops, at the latest" if guidance.stops else "truncated")
         + f" after {guidance.n_steps} steps",
-        "arguments": ", ".join(f"`{name}={value!r}`" for name, value in arguments(type(env)).items()),
+        "arguments": ", ".join(f"`{name}={value!r}`" for name, value in arguments(env).items()),
         "return of the optimum, noise 0": f"{anchors.optimal:.4f} (score 1)",
         "return of the random agent, noise 0": f"{anchors.random:.4f} (score 0)",
         "return of the idle agent, noise 0": f"{anchors.stay:.4f} (score {anchors.score(anchors.stay):.3f})",
@@ -87,15 +90,22 @@ def linked(docstring: str) -> str:
     return docstring
 
 
-def arguments(environment: type) -> dict[str, object]:
-    """Return the arguments of an environment and of the classes below it, with their defaults."""
+def arguments(env: Any) -> dict[str, object]:
+    """Return what the class of an environment takes by name, with the defaults of the task.
+
+    `scene` of the class says whether it takes a phantom, or what phantoms are drawn from. None stands for
+    what is the task's own, other than senses, which are named.
+    """
     found: dict[str, object] = {}
-    for base in environment.__mro__:
+    for base in type(env).__mro__:
         if base.__module__.startswith("usbench") and "__init__" in vars(base):
             own = inspect.signature(base.__init__).parameters.values()  # type: ignore[misc]
             named = {one.name: one.default for one in own if one.kind is one.KEYWORD_ONLY}
             found = named | found
-    return found
+    other = {"phantom", "phantoms"} - set(env.scene)
+    return {name: value for name, value in found.items() if name not in other} | {
+        "senses": env.default_senses
+    }
 
 
 def starts(setting: Setting) -> str:
@@ -112,17 +122,25 @@ def starts(setting: Setting) -> str:
 
 def gallery() -> str:
     """Return the page of thumbnails in Markdown."""
-    parts = [
-        "# All tasks",
-        "One episode of the exact optimum in each task; a picture leads to the page of its task. "
-        "[The tasks](../tasks.md) says what they are about together.",
-    ]
-    for task, row in suite.TASKS.items():
-        first, _ = described(type(Setting(task=task).plain_env()))
-        still = f"[![A moment of an episode of {task}]({task}.png)]({task}.md)"
-        parts.append(f"## {row.guidance.title}: `{task}`\n\n{still}\n\n{first}")
-    listed = "\n".join(["```{toctree}", ":hidden:", "", *suite.TASKS, "```"])
-    return "\n\n".join([*parts, listed]) + "\n"
+    cells = [thumbnail(task) for task in suite.TASKS]
+    cells += [""] * (-len(cells) % COLUMNS)
+    rows = [cells[start : start + COLUMNS] for start in range(0, len(cells), COLUMNS)]
+    return "\n\n".join(
+        [
+            "# All tasks",
+            "One episode of the exact optimum in each task; a picture leads to the page of its task. "
+            "[The tasks](../tasks.md) says what they are about together.",
+            "\n".join(f"| {' | '.join(row)} |" for row in [[""] * COLUMNS, ["---"] * COLUMNS, *rows]),
+            "\n".join(["```{toctree}", ":hidden:", "", *suite.TASKS, "```"]) + "\n",
+        ]
+    )
+
+
+def thumbnail(task: str) -> str:
+    """Return a task's cell of the gallery: picture, title and first sentence."""
+    first, _ = described(type(Setting(task=task).plain_env()))
+    still = f"[![A moment of an episode of {task}]({task}.png)]({task}.md)"
+    return f"{still}<br>**{suite.TASKS[task].guidance.title}: [`{task}`]({task}.md)**<br>{first}"
 
 
 def pictures(task: str) -> list[Image.Image]:

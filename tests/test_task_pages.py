@@ -1,10 +1,12 @@
 """The pages of the tasks are what `make task-pages` writes from the code."""
 
+import ast
 import re
 import runpy
 from pathlib import Path
 
 import pytest
+from markdown_it import MarkdownIt
 from PIL import Image
 
 from usbench import suite
@@ -39,8 +41,30 @@ def test_its_anchors_are_exact(task):
         assert getattr(anchors, name) == pytest.approx(getattr(own, name), abs=5e-5)
 
 
+@pytest.mark.parametrize("task", suite.TASKS)
+def test_an_environment_takes_the_arguments_of_its_page_and_is_the_task_by_their_defaults(task):
+    (line,) = re.findall(r"^\| arguments \| (.+) \|$", (FOLDER / f"{task}.md").read_text(), re.MULTILINE)
+    shown = {
+        name: ast.literal_eval(value)
+        for name, value in (one.split("=", 1) for one in re.findall(r"`([^`]+)`", line))
+    }
+    setting = Setting(task=task)
+    assert shown["senses"] == setting.senses
+    assert ("phantom" in shown, "phantoms" in shown) == (not setting.row.phantoms, setting.row.phantoms > 0)
+    own, plain = type(setting.plain_env())(**shown), setting.plain_env()
+    for name in (*plain.scene, "noise", "reward", "observation_space"):
+        assert getattr(own, name) == getattr(plain, name), name
+
+
 def test_the_gallery_has_every_task():
     assert (FOLDER / "index.md").read_text() == WRITER["gallery"]()
+
+
+def test_the_gallery_has_three_tasks_in_a_row():
+    page = MarkdownIt().enable("table").render((FOLDER / "index.md").read_text())
+    rows = [re.findall(r'<td><a href="([^"]+)\.md"><img', row) for row in page.split("<tr>")[2:]]
+    assert [task for row in rows for task in row] == list(suite.TASKS)
+    assert {len(row) for row in rows[:-1]} == {3} and 1 <= len(rows[-1]) <= 3
 
 
 @pytest.mark.parametrize("task", suite.TASKS)

@@ -111,6 +111,18 @@ def test_a_seed_kept_for_comparisons_is_told_where_hyperparameters_are_tried(
     assert (line in capsys.readouterr().err.splitlines()) == said
 
 
+def test_an_agent_that_does_not_learn_has_no_learning_curve(capsys, tmp_path, quick):
+    command = ["run", "--algo", "stay", "--task", "fp", "--quiet", "--out", str(tmp_path / "runs")]
+    assert cli.main(command) == 0
+    out = capsys.readouterr().out
+    (folder,) = records.trial_folders(tmp_path / "runs")
+    assert (folder / "replay.gif").exists() and f"replay:         {folder / 'replay.gif'}" in out
+    assert not (folder / "learning_curve.png").exists() and "learning curve" not in out
+    # Nor does `usbench plot` draw one.
+    assert cli.main(["plot", str(folder), "--out", str(tmp_path / "figures")]) == 0
+    assert [path.name for path in (tmp_path / "figures").iterdir()] == ["scores.png"]
+
+
 def test_quiet_run_of_single_frames_tells_what_is_not_learned_from(capsys, tmp_path, quick):
     command = [*RUN[:-1], "100", "--n-frames", "1", "--quiet", "--out", str(tmp_path)]
     assert cli.main(command) == 0

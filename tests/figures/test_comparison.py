@@ -1,13 +1,16 @@
 """Figures from results alone: drawn where there is something to draw, the same bytes again."""
 
+import numpy as np
 import pytest
 from made_tables import made, seeds, trial
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 from PIL import Image
 
-from usbench.figures import comparison, looks, paper, style
+from usbench.figures import comparison, looks, paper, score_axis, style
+from usbench.figures.cells import cell_panels
 from usbench.results import scores
+from usbench.results.scores import Cell
 
 GRID = [
     row
@@ -151,9 +154,60 @@ def test_scores_begin_at_0_and_what_lies_below_is_marked_with_its_number():
     curves = comparison.learning_curves(known, scores.learning_curves(known))
     (axis,) = curves.axes
     assert axis.get_ylim()[0] == 0
-    (marks,) = [line for line in axis.lines if line.get_marker() == "v"]
     # Below 0 at half of the budget and at its end; at its start the score is 0.
-    assert list(marks.get_xdata()) == [8032, 16064]
+    assert [(line.get_xdata()[0], line.get_color()) for line in below(axis)] == [
+        (8032, looks.KNOWN["ppo"]["color"]),
+        (16064, looks.KNOWN["ppo"]["color"]),
+    ]
+    assert not axis.texts
+
+
+def below(axis):
+    """Return the triangles that stand for scores below 0."""
+    return [line for line in axis.lines if line.get_marker() == "v"]
+
+
+def test_triangles_that_would_cover_each_other_are_one_with_their_number():
+    # At the end vpg alone lies below 0; at half of the budget all do.
+    scores_of = {"a2c": (-0.5, 0.1), "ppo": (-0.4, 0.2), "vpg": (-0.3, -0.1)}
+    figure = style.panels(1, 1)[0]
+    (axis,) = figure.axes
+    steps = np.array([8000, 16000])
+    score_axis.mark_below(axis, [(steps, own, looks.KNOWN[algo]["color"]) for algo, own in scores_of.items()])
+    assert [(line.get_xdata()[0], line.get_color()) for line in below(axis)] == [
+        (8000, "black"),
+        (16000, looks.KNOWN["vpg"]["color"]),
+    ]
+    (number,) = axis.texts
+    assert number.get_text() == "3" and number.xy[0] == 8000
+    # Over CPU time, evaluations of two agents may be near each other: they are one mark, too.
+    (axis,) = style.panels(1, 1)[0].axes
+    score_axis.mark_below(axis, [([0, 1.00, 9], [1, -1, 1], "red"), ([0, 1.02, 9], [1, -1, 1], "blue")])
+    assert [text.get_text() for text in axis.texts] == ["2"]
+    (mark,) = below(axis)
+    assert mark.get_xdata()[0] == pytest.approx(1.01)
+
+
+def test_agents_on_new_phantoms_have_learning_curves_with_optimum_and_ceiling():
+    tasks = ("pp-random", "pp-tracked")
+    trials = [row for task in tasks for row in seeds("double_dqn", [0.7, 0.8], task=task, steps=100_000)]
+    known = made(*GRID, *trials, *(trial("oracle", 0.98, task=task) for task in tasks))
+    drawn = comparison.draw(known)
+    for name in ("unseen-phantoms_learning_curves", "unseen-phantoms_learning_curves_cpu"):
+        first, second = drawn[name].axes
+        assert [axis.get_title() for axis in (first, second)] == ["pp-random, noise 0", "pp-tracked, noise 0"]
+        level = {line.get_ydata()[0] for line in first.lines if len(set(line.get_ydata())) == 1}
+        assert {1.0, 0.98, 0.891} <= level
+        words = [text.get_text() for text in drawn[name].legends[0].get_texts()]
+        assert words[:2] == ["double_dqn", "optimum"] and words[-1].startswith("ceiling")
+        assert min(texts(drawn[name]).values()) >= 9 and inside(drawn[name])
+
+
+@pytest.mark.parametrize(("n_cells", "columns"), [(1, 1), (2, 2), (3, 3), (4, 2), (5, 3), (7, 3)])
+def test_rows_of_panels_are_as_long_as_each_other_where_they_can_be(n_cells, columns):
+    figure, panels = cell_panels({Cell(f"task-{number}", 0.0): 1.9 for number in range(n_cells)}, "score")
+    assert len(panels) == n_cells
+    assert figure.axes[0].get_gridspec().ncols == columns
 
 
 def test_oracle_and_ceiling_are_lines_beside_those_that_learn():

@@ -91,6 +91,12 @@ def test_further_tables_are_sections_of_the_leaderboard():
     assert section.startswith("As the grid, with 1 frame in one observation in place of 4; never averaged")
     agents = [line.split(" | ")[0] for line in section.splitlines() if line.startswith("| `")]
     assert agents == ["| `vpg`", "| `ppo`", "| `oracle` (not learned)"]
+    # The grid's table explains the columns; those of further tables are brief.
+    assert "primary figure" not in section and "resampled" not in section
+    assert (
+        "| agent | seeds | score (IQM) | with whole seeds | mean of the cells' IQMs | optimality gap |"
+        in section
+    )
     for name in ("single-frames", "second-network", "long"):
         assert f"\nusbench compare --table {name}\n" in text
     assert "configurations" not in text and "Training budgets" not in text

@@ -73,6 +73,22 @@ def test_the_leaderboard_has_the_track_only_with_tests(tmp_path):
     )
 
 
+def test_the_section_is_folded_and_has_no_columns_on_agents_that_there_are_not():
+    without = made(*seeds("vpg", [0.8, 0.9], task="pp"))
+    text = leaderboard.markdown(without, rows_of(0.1, 0.3)).split("## Phantoms never seen\n")[1]
+    section = text.split("\n## ")[0]
+    about, fold, *rows = [line for line in section.splitlines() if line and line != "<details>"]
+    assert (
+        about.startswith("Scores (IQM") and "any" not in about and fold == "<summary>Scores (1 row)</summary>"
+    )
+    assert rows == [
+        "| agent | cell | one: its own | one: never seen | seeds |",
+        "| --- | --- | ---: | ---: | ---: |",
+        "| `vpg` | pp-random, noise 0 | 0.850 [0.800, 0.900] | 0.200 [0.100, 0.300] | 2 |",
+        "</details>",
+    ]
+
+
 def test_a_table_of_something_else_is_refused(tmp_path):
     (tmp_path / held_out.TABLE).write_text("trial,score\na,1\n")
     with pytest.raises(ValueError, match=r"held_out.csv is not a table of tests"):

@@ -130,7 +130,7 @@ def test_different_versions_and_frames_are_said():
     *found, why = notes(*trials)
     assert found == [
         "Versions of torch differ between trials: 2.5 in 4, 2.4 in 1 (`fp-p0-vpg-s103`).",
-        "Frames of fp differ between trials (their digests): abc in 3, def in 1 (`fp-p0-vpg-s103`).",
+        "Frames of fp differ between trials: 2 kinds, in 3 + 1 trials (`frames` in `trials.csv`).",
     ]
     assert "kind of processor" in why
 

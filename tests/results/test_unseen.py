@@ -103,21 +103,25 @@ def test_seeds_asked_are_counted_within_the_table():
 def test_rows_tell_steps_frames_what_is_told_and_its_ceiling():
     text = leaderboard.markdown(ALL)
     row = row_of(text, "pp-random, noise 0", "double_dqn")
-    assert (row["told"], row["frames"], row["steps"]) == ("actions", "4", "100000")
+    assert row["learned with"] == "told actions; 4 frames; 100000 steps"
     assert row["ceiling"] == f"{ceiling('pp-random'):.3f}"
     row = row_of(text, "pp-tracked, noise 0", "double_dqn")
-    assert (row["told"], row["frames"]) == ("position, heading", "2")
+    assert row["learned with"] == "told position, heading; 2 frames; 100000 steps"
     assert row["ceiling"] == f"{ceiling('pp-tracked', ['position', 'heading']):.3f}"
     # Another ceiling in the same cell, of what this agent is told.
     row = row_of(text, "pp-tracked, noise 0", "distilled")
-    assert row["agent"] == "`distilled` (ceiling, not ranked)" and row["told"] == "heading, actions"
+    assert row["agent"] == "`distilled` (ceiling, not ranked)"
+    assert row["learned with"].startswith("told heading, actions; 4 frames")
     assert row["ceiling"] == f"{ceiling('pp-tracked', ['heading']):.3f}"
-    assert row_of(text, "fp-random, noise 0", "double_dqn")["told"] == unseen.NOTHING
+    told_nothing = row_of(text, "fp-random, noise 0", "double_dqn")
+    assert told_nothing["learned with"].startswith("told nothing; ")
     row = row_of(text, "fp-random, noise 0", "oracle")
     assert {row[name] for name in unseen.COLUMNS} == {"–"}
+    # As many columns as the grid's tables have.
+    assert list(row) == ["agent", "seeds", "score, greedy", "success (%)", *unseen.COLUMNS]
 
 
-def test_only_this_table_has_more_columns():
+def test_only_this_table_has_its_columns():
     text = leaderboard.markdown(ALL)
     of_grid = text.split("## fp-random, noise 0\n")[1].split("\n## ")[0]
     assert not set(unseen.COLUMNS) & set(of_grid.split("\n| agent | ")[1].splitlines()[0].split(" | "))
@@ -156,6 +160,18 @@ def joined(text):
     return text.replace(" \\\n    ", " ")
 
 
-def test_figure_of_the_table_is_that_of_the_scores():
+def test_figures_of_the_table_are_scores_and_learning_curves():
     drawn = comparison.draw(ALL)
-    assert [name for name in drawn if name.startswith(unseen.NAME)] == [f"{unseen.NAME}_scores"]
+    kinds = ("scores", "learning_curves", "learning_curves_cpu")
+    assert [name for name in drawn if name.startswith(unseen.NAME)] == [
+        f"{unseen.NAME}_{kind}" for kind in kinds
+    ]
+
+
+def test_what_is_said_of_all_frames_is_said_once():
+    differing = [told("pp-tracked", seed=seed, frames=str(seed)) for seed in (100, 101)]
+    of_grid = [trial("vpg", seed=seed, task="pp", frames=str(seed)) for seed in (100, 101)]
+    known = made(*GRID, *of_grid, *differing)
+    text = leaderboard.markdown(known)
+    assert f"\n* In {unseen.NAME}: Frames of pp-tracked differ between trials: 2 kinds" in text
+    assert text.count("kind of processor") == 1

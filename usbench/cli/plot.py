@@ -30,7 +30,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         epilog=EXAMPLES,
         help="draw figures of any set of trials",
         description="Draw the leaderboard's figures of finished trials, and the learning curve "
-        "of every trial that is named itself.",
+        "of every training that is named itself.",
     )
     plot.add_argument(
         "paths",

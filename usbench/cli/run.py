@@ -35,7 +35,8 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         parents=[debug],
         epilog=EXAMPLES,
         help="train and evaluate one agent on one task",
-        description="Train and evaluate one agent on one task; leave records, learning curve and replay.",
+        description="Train and evaluate one agent on one task; leave records, replay, and the learning "
+        "curve of an agent that learns.",
     )
     run.add_argument("--algo", required=True, help="algorithm, for example vpg (see usbench list)")
     run.add_argument("--task", required=True, help="task, for example pp (see usbench list)")
@@ -136,11 +137,9 @@ def _call(args: argparse.Namespace) -> None:
         )
     elif result.skipped:
         print("This trial is finished already; here are its results (--overwrite runs it again).")
-    comparison = {
-        "learning curve": learning_curve.write(result.folder),
-        "replay": replay.write_gif(result.folder),
-    }
-    trial_output.print_trial(result.folder, comparison)
+    pictures = {"learning curve": learning_curve.write(result.folder)} if config.steps else {}
+    pictures["replay"] = replay.write_gif(result.folder)
+    trial_output.print_trial(result.folder, pictures)
 
 
 def _begin(config: TrialConfig, args: argparse.Namespace) -> Trial | None:

@@ -19,7 +19,11 @@ def is_one_row(cells: Collection[Cell]) -> bool:
 def _columns(cells: Collection[Cell]) -> int:
     noises, tasks = {cell.noise for cell in cells}, {cell.task for cell in cells}
     full = len(cells) == len(tasks) * len(noises)
-    return len(noises) if full and 1 < len(noises) <= WIDEST else min(len(cells), WIDEST)
+    if full and 1 < len(noises) <= WIDEST:
+        return len(noises)
+    # As few rows as there can be, all as long as the first one or nearly so.
+    rows = max(-(-len(cells) // WIDEST), 1)
+    return -(-len(cells) // rows)
 
 
 def cell_panels(heights: Mapping[Cell, float], label: str, **kwargs: bool) -> tuple[Figure, dict[Cell, Any]]:

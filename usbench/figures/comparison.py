@@ -54,13 +54,14 @@ def draw(known: Results) -> dict[str, Figure | None]:
     """Return every figure by its name, None where there are no results for one."""
     drawn = {}
     for part, own in scores.parts(known).items():
-        prefix = {scores.OTHERS: "other_", **{name: f"{name}_" for name in further.names()}}.get(part, "")
+        prefix = scores.prefix(part)
         drawn[f"{prefix}scores"] = final_scores(own)
-        if part == unseen.NAME:
-            continue
         curves = scores.learning_curves(own)
         drawn[f"{prefix}learning_curves"] = learning_curves(own, curves)
         drawn[f"{prefix}learning_curves_cpu"] = learning_curves(own, curves, over="minutes")
+        if part == unseen.NAME:
+            # Its cells have neither the same agents nor the same budget.
+            continue
         drawn[f"{prefix}performance_profiles"] = performance_profiles(own)
         drawn[f"{prefix}improvement"] = improvement(own)
     first = further.first(known)
@@ -121,15 +122,24 @@ def learning_curves(known: Results, table: pd.DataFrame, over: str = "step") -> 
             (handles[agent],) = axis.plot(rows[over], rows["score"], markersize=3.5, linewidth=1.2, **look)
             band = (rows["score_low"], rows["score_high"])
             axis.fill_between(rows[over], *band, color=look["color"], alpha=0.1, linewidth=0)
-            score_axis.mark_below(axis, rows[over], rows["score"], look["color"])
+        score_axis.mark_below(
+            axis,
+            [
+                (rows[over], rows["score"], drawn[str(name)]["color"])
+                for name, rows in cells[cell].groupby("agent")
+            ],
+        )
         _score_lines(axis.axhline, cell, final)
         axis.set_ylim(0, max(score_axis.HIGHEST, table["score"].max() + 0.03))
+        # Room for a number beside the triangle at step 0.
+        axis.margins(x=0.08)
         axis.locator_params(axis="x", nbins=4)
     figure.supylabel(SCORE, fontsize=style.TEXT)
     ranked = _ranked(final[final["agent"].isin(set(handles))])
     _line_legend(figure, list(panels), final, {agent: handles[agent] for agent in ranked})
     figure.suptitle(
-        f"{SCORED} actions: IQM over seeds with 95 % bootstrap band;\na triangle stands for a score below 0",
+        f"{SCORED} actions: IQM over seeds with 95 % bootstrap band;\n"
+        "a triangle stands for a score below 0, a black one for those of several agents, with their number",
         fontsize=style.TEXT,
     )
     return figure

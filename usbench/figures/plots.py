@@ -18,7 +18,7 @@ def write(
     """Draw the figures of all trials in `paths` into the folder `out`; return the files.
 
     They are those of the leaderboard, that of a search where tables have one, and a learning curve of every
-    trial that is itself one of `paths`.
+    training that is itself one of `paths`.
 
     Args:
         paths: Folders of trials, single trials, or folders of tables, as `sources.gather` takes them.
@@ -36,7 +36,8 @@ def write(
             )
     known = sources.gather(paths, damaged)
     # Also of a trial that is still running.
-    single = [Trial.read(path.resolve()) for path in paths if _has_evaluations(path)]
+    read = [Trial.read(path.resolve()) for path in paths if _has_evaluations(path)]
+    single = [trial for trial in read if trial.config.steps]
     if known.curves.empty and not single:
         raise ConfigurationError(
             f"there is no finished trial to draw in {', '.join(repr(str(path)) for path in paths)}."

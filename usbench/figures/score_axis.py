@@ -1,8 +1,10 @@
 """Axes of normalised scores begin at 0; what lies below has a mark."""
 
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.patheffects import withStroke
 from numpy.typing import ArrayLike
 
 from usbench.figures import style
@@ -11,6 +13,8 @@ from usbench.figures import style
 HIGHEST = 1.06
 # Of the axis; where the marks of what lies below 0 stand.
 CLIPPED_AT = 0.015
+# Of what curves are drawn over; nearer triangles would cover each other.
+NEAREST = 0.03
 
 
 def mark_lowest(axis: Any, height: float, lowest: float, color: str) -> None:
@@ -27,7 +31,46 @@ def mark_lowest(axis: Any, height: float, lowest: float, color: str) -> None:
         )
 
 
-def mark_below(axis: Any, at: ArrayLike, scores: ArrayLike, color: str) -> None:
-    """Mark those scores of a curve over `at` that lie below 0 with triangles."""
-    below = np.asarray(at)[np.asarray(scores) < 0]
-    axis.plot(below, np.full(len(below), CLIPPED_AT), "v", color=color, markersize=4)
+def mark_below(axis: Any, curves: Iterable[tuple[ArrayLike, ArrayLike, str]]) -> None:
+    """Mark the scores of curves that lie below 0 with triangles on the axis.
+
+    A triangle has the colour of its curve. Where those of several curves would cover each other, one black
+    triangle has their number beside it.
+
+    Args:
+        axis: The panel.
+        curves: Of each curve where it was measured, its scores there, and its colour.
+    """
+    known = [(np.asarray(at, float), np.asarray(scores, float), color) for at, scores, color in curves]
+    if not known:
+        return
+    everywhere = np.concatenate([at for at, _, _ in known])
+    found = sorted((at, number) for number, (xs, ys, _) in enumerate(known) for at in xs[ys < 0])
+    for group in _near(found, NEAREST * float(np.ptp(everywhere))):
+        numbers = {number for _, number in group}
+        place = float(np.mean([at for at, _ in group]))
+        color = known[group[0][1]][2] if len(numbers) == 1 else "black"
+        axis.plot(place, CLIPPED_AT, "v", color=color, markersize=4, zorder=4)
+        if len(numbers) > 1:
+            axis.annotate(
+                str(len(numbers)),
+                (place, CLIPPED_AT),
+                (-3.5, -1),
+                textcoords="offset points",
+                fontsize=style.SMALL,
+                ha="right",
+                va="bottom",
+                zorder=4,
+                path_effects=[withStroke(linewidth=1.5, foreground="white")],
+            )
+
+
+def _near(found: Sequence[tuple[float, int]], width: float) -> list[list[tuple[float, int]]]:
+    """Return places in order as groups, each no wider than `width`."""
+    groups: list[list[tuple[float, int]]] = []
+    for one in found:
+        if groups and one[0] - groups[-1][0][0] <= width:
+            groups[-1].append(one)
+        else:
+            groups.append([one])
+    return groups

@@ -27,6 +27,7 @@ def draw(known: pd.DataFrame) -> Figure | None:
     drawn = looks.agents(by_row)
     figure, axes = style.panels(1, 2, height=max(1.9, 0.4 + 0.25 * len(by_row)))
     spread, best = axes[0]
+    curves = []
     for place, (row, scores) in enumerate(by_row.items()):
         color = drawn[row]["color"]
         diverged = np.isnan(scores)
@@ -44,7 +45,8 @@ def draw(known: pd.DataFrame) -> Figure | None:
         n = np.arange(1, len(scores) + 1)
         best.plot(n, expected.estimate, label=row, markersize=3.5, linewidth=1.2, **drawn[row])
         best.fill_between(n, expected.low, expected.high, color=color, alpha=0.1, linewidth=0)
-        score_axis.mark_below(best, n, expected.estimate, color)
+        curves.append((n, expected.estimate, color))
+    score_axis.mark_below(best, curves)
     spread.set_yticks(range(len(by_row)), list(by_row))
     spread.set_ylim(len(by_row) - 0.5, -0.5)
     spread.set_xlim(0, score_axis.HIGHEST)

@@ -9,7 +9,7 @@ import pandas as pd
 from usbench import records, tasks
 from usbench.anchors import Anchors
 from usbench.atomic import atomic_file
-from usbench.results import scores, stats
+from usbench.results import scores, stats, text
 from usbench.results.agents import named
 from usbench.results.protocol import further
 from usbench.results.tables import DECIMALS, Results
@@ -140,3 +140,29 @@ def summary(trial: str, task: str, evaluations: pd.DataFrame, anchors: Anchors) 
     score = anchors.score(means["return"])
     row = {"trial": trial, "task": task, "episodes": len(evaluations), "normalized_score": score, **means}
     return {name: row[name] for name in COLUMNS}
+
+
+def section(known: pd.DataFrame) -> str:
+    """Return the section of the leaderboard from what `table` gives, as Markdown.
+
+    Columns on agents that were trained on many phantoms are there only where there are such agents.
+    """
+    trained_on_many = known["many"].notna().any()
+    head = ["agent", "cell", "one: its own", "one: never seen"]
+    head += ["many: never seen", "gap", "seeds"] if trained_on_many else ["seeds"]
+    lines = []
+    for row in known.to_dict("records"):
+        parts = ("seen", "one", "many") if trained_on_many else ("seen", "one")
+        line = [text.agent(row["agent"]), scores.Cell(row["task"], row["noise"]).name]
+        line += [text.interval(row[part], row[f"{part}_low"], row[f"{part}_high"]) for part in parts]
+        seeds = str(row["one_seeds"])
+        line += (
+            [text.number(row["gap"], 3), f"{seeds} and {row['many_seeds']}"] if trained_on_many else [seeds]
+        )
+        lines.append(line)
+    about = "Scores (IQM, greedy actions) of agents that learned on one phantom: on it, and on others."
+    if trained_on_many:
+        about += " Many: of agents that learned on many phantoms, on the same others; gap: many less one."
+    if "pp-random" in set(known["task"]):
+        about += " `pp-random` has other starts than `pp`, too."
+    return f"{about}\n\n" + text.folded(f"Scores ({text.rows(len(lines))})", text.table(head, lines, words=2))

@@ -3,6 +3,7 @@
 import contextlib
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 
 import pandas as pd
 
@@ -11,6 +12,7 @@ from usbench.atomic import atomic_file
 from usbench.records import ConfigurationError
 from usbench.results import (
     additions,
+    captions,
     held_out,
     provenance,
     ranking,
@@ -29,26 +31,12 @@ from usbench.tasks import row_of
 
 SCORES = "scores.csv"
 # Title, column of `scores.cells`, factor, digits.
-COLUMNS = (("return", "return", 1, 2), ("success (%)", "success_rate", 100, 0))
-# Names of figures that stand on the page, where they are drawn, and what they show.
-FIGURES = (
-    ("scores", "Score of every agent in every cell of the paper's tasks, with its interval"),
-    ("learning_curves", "Score over training steps on the paper's tasks, with its interval"),
-    (
-        "improvement",
-        "How likely a trial of one agent has a higher score than a trial of another agent in the same cell, "
-        f"for every pair: thick lines are 95 % intervals, thin lines (from {ranking.MIN_SEEDS} seeds on) "
-        "those corrected for all pairs",
-    ),
-    ("other_scores", "Score of every agent in the other tasks, with its interval"),
-    (
-        f"{unseen.NAME}_scores",
-        "Score of every agent that learned on new phantoms with a budget for that, with its interval",
-    ),
-)
+RETURN, SUCCESS = ("return", "return", 1, 2), ("success (%)", "success_rate", 100, 0)
 MEASURES = f"""\
 Tables of single cells have the score with greedy and with sampled actions, the return and the success;
-`{SCORES}` has distance, plane error, steps to goal, area under the curve and training time, too."""
+those on new phantoms have the ceiling and what agents learned with in place of sampled actions and return.
+`{SCORES}` has sampled actions and return of all cells, distance, plane error, steps to goal, area under the
+curve and training time, too."""
 
 READING = """\
 The normalised score is (return - random) / (optimal - random), with exact anchors: 0 is a random agent,
@@ -128,7 +116,7 @@ def write(folder: Path, path: Path) -> list[Path]:
             held_out.read(folder),
             studies.read(folder),
             tuning.read(folder),
-            _figures(folder, path),
+            captions.links(known, folder, files(path).name),
             additions.unverified(folder),
         ),
         path.with_name(SCORES): table,
@@ -144,19 +132,23 @@ def markdown(
     tested: pd.DataFrame | None = None,
     studied: pd.DataFrame | None = None,
     searched: pd.DataFrame | None = None,
-    figures: Sequence[str] = (),
+    figures: Mapping[str, Sequence[str]] = MappingProxyType({}),
     unverified: Collection[str] = (),
 ) -> str:
     """Return the leaderboard as Markdown.
 
     The others are what `held_out`, `studies` and `tuning` read, None where there is nothing; `figures` are
-    links to pictures, `unverified` names of trials: rows that hold one say so.
+    links to the pictures of each part of `scores.parts`, `unverified` names of trials: rows that hold one say
+    so. The pictures of the first part stand at the top, those of each other part in its own section.
     """
     doubted = set(unverified) & set(known.trials["trial"])
     reading = text.folded("How to read the numbers", f"{READING}\n{MEASURES}")
-    parts, notes = ["# Leaderboard", verdict.text(known, tested), *figures, reading], []
+    shown = dict(figures)
+    first = shown.pop(next(iter(scores.parts(known))), ())
+    parts, notes = ["# Leaderboard", verdict.text(known, tested), *first, reading], []
     for name, own in scores.parts(known).items():
-        parts += together.sections(own, name, ranking.improvement(scores.learners(own)), doubted)
+        pairs = ranking.improvement(scores.learners(own))
+        parts += together.sections(own, name, pairs, doubted, shown.get(name, ()))
         notes += [
             f"{text.code(agent)} is not in the table of {name}: {why}."
             for agent, why in sorted(scores.matrices(own)[1].items())
@@ -166,18 +158,21 @@ def markdown(
         where = "" if name == further.GRID else f": {name}"
         parts += _cells(own, rows[rows["table"] == name], where, doubted)
         in_table = "" if name == further.GRID else f"In {name}: "
-        notes += [f"{in_table}{note}" for note in provenance.notes(own.trials)]
+        # What is said of all frames is said once.
+        notes += [f"{in_table}{note}" for note in provenance.notes(own.trials) if note not in notes]
     unseen = pd.DataFrame() if tested is None else held_out.table(further.first(known), tested)
     made = []
     if not unseen.empty:
-        parts += ["## Phantoms never seen", _unseen(unseen)]
+        parts += ["## Phantoms never seen", held_out.section(unseen)]
         missing = held_out.not_tested(further.first(known), tested)
         notes += [f"Agents of {cell.name} were not tested on phantoms never seen." for cell in missing]
         made.append("usbench transfer")
     if studied is not None and not studied.empty:
         parts += ["## People", studies.READING, text.table(studies.HEAD, studies.texts(studied), words=4)]
     if searched is not None and not searched.empty:
-        parts += ["## How hard each is to tune", tuning.section(searched)]
+        n_rows = text.rows(len(tuning.candidates(searched)))
+        folded = text.folded(f"Scores of candidates ({n_rows})", tuning.section(searched))
+        parts += ["## How hard each is to tune", tuning.ABOUT, folded]
         made.append("usbench leaderboard --search search")
     parts += ["## How this was made", provenance.making(known.trials, made)]
     if notes:
@@ -186,15 +181,6 @@ def markdown(
     if doubted:
         parts.append(additions.meaning(doubted))
     return "\n\n".join(parts) + "\n"
-
-
-def _figures(folder: Path, path: Path) -> list[str]:
-    """Return links from the leaderboard `path` to those figures that are drawn in `folder`."""
-    return [
-        f"![{words}]({files(path).name}/{name}.png)"
-        for name, words in FIGURES
-        if (folder / f"{name}.png").is_file()
-    ]
 
 
 def _cells(own: Results, rows: pd.DataFrame, where: str, doubted: set[str]) -> list[str]:
@@ -230,12 +216,13 @@ def _cell(rows: pd.DataFrame, settings: Mapping[str, str], doubtful: Collection[
 
     `settings` are those of each configuration, `doubtful` the agents that hold a trial that is not verified.
     """
-    differing = (rows["table"] == unseen.NAME).any()
     sampled = rows[rows["actions"] == SAMPLED].set_index(ROW)
     table = rows[rows["actions"] == SCORED]
     notes = [scores.note(*one) for one in zip(table["algo"], table["steps"], strict=True)]
     table = table.assign(note=notes, beside=[note != "" for note in notes])
     table = table.sort_values(["beside", "score", "agent"], ascending=[True, False, True], kind="stable")
+    differing = (rows["table"] == unseen.NAME).any()
+    measures = (SUCCESS,) if differing else (RETURN, SUCCESS)
     lines = []
     for row in table.to_dict("records"):
         other = sampled.loc[tuple(row[name] for name in ROW)]
@@ -244,39 +231,15 @@ def _cell(rows: pd.DataFrame, settings: Mapping[str, str], doubtful: Collection[
                 text.agent(row["agent"], row["note"], additions.MARK if row["agent"] in doubtful else ""),
                 f"{row['seeds']}/{row['seeds_asked']}",
                 text.interval(row["score"], row["score_low"], row["score_high"]),
-                text.interval(other["score"], other["score_low"], other["score_high"]),
+                *([] if differing else [text.interval(*other[["score", "score_low", "score_high"]])]),
                 *(
                     DASH if name in row_of(row["task"]).silent else text.number(scale * row[name], digits)
-                    for _, name, scale, digits in COLUMNS
+                    for _, name, scale, digits in measures
                 ),
                 *(unseen.columns(row, settings) if differing else ()),
             ]
         )
-    numbers = [*(title for title, *_ in COLUMNS), *(unseen.COLUMNS if differing else ())]
-    shown = text.table(["agent", "seeds", "score, greedy", "score, sampled", *numbers], lines)
-    return text.folded(f"Scores ({len(lines)} {'row' if len(lines) == 1 else 'rows'})", shown)
-
-
-def _unseen(table: pd.DataFrame) -> str:
-    """Return the table of agents trained on one phantom and on many, tested on unseen phantoms."""
-    rows = [
-        [
-            text.agent(row["agent"]),
-            Cell(row["task"], row["noise"]).name,
-            *(
-                text.interval(row[part], row[f"{part}_low"], row[f"{part}_high"])
-                for part in ("seen", "one", "many")
-            ),
-            text.number(row["gap"], 3),
-            f"{row['one_seeds']} and {row['many_seeds']}",
-        ]
-        for row in table.to_dict("records")
-    ]
-    head = ["agent", "cell", "one: its own", "one: never seen", "many: never seen", "gap", "seeds"]
-    return (
-        "Scores (IQM, greedy actions). An agent that was trained on one phantom is tested on that phantom "
-        "and on phantoms never seen; agents that were trained on many phantoms, where there are any, are "
-        "tested on the same phantoms never seen. The gap is the difference of the last two. `pp-random` also "
-        "has other starts than `pp`, which is a part of it. Written by `usbench transfer`.\n\n"
-        + text.table(head, rows)
-    )
+    titles = [title for title, *_ in measures]
+    more = [*titles, *unseen.COLUMNS] if differing else ["score, sampled", *titles]
+    shown = text.table(["agent", "seeds", "score, greedy", *more], lines)
+    return text.folded(f"Scores ({text.rows(len(lines))})", shown)

@@ -15,6 +15,10 @@ from usbench.tasks import row_of
 
 NAMED = 3
 OTHER = "other settings"
+FRAMES = (
+    "Frames differ with the simulator's version and, in tens of pixels in a million by one grey level, with "
+    "the kind of processor (`benchmarks/processors.py`)."
+)
 STATUS_WORDS = {
     "missing": "has not been run",
     "running": "is running or was killed",
@@ -207,20 +211,26 @@ def _frames(finished: pd.DataFrame) -> list[str]:
         looked = rows[(rows["steps"] > 0) | (rows["frames"] != "")]
         frames = looked.set_index("trial")["frames"].replace("", "not recorded")
         if frames.nunique() > 1:
-            found.append(f"Frames of {task} differ between trials (their digests): {_counted(frames)}.")
+            kinds = " + ".join(str(len(own)) for _, own in _groups(frames))
+            found.append(
+                f"Frames of {task} differ between trials: {frames.nunique()} kinds, in {kinds} trials "
+                "(`frames` in `trials.csv`)."
+            )
     if found:
-        found.append(
-            "Frames differ with the simulator's version, and with the kind of processor, as each rounds "
-            "otherwise: there tens of pixels in a million by one grey level (`benchmarks/processors.py`)."
-        )
+        found.append(FRAMES)
     return found
 
 
 def _counted(values: pd.Series) -> str:
     """Return each value with its number of trials, the most common first; rarer ones name their trials."""
-    groups = sorted(values.groupby(values), key=lambda group: (-len(group[1]), group[0]))
+    groups = _groups(values)
     texts = [f"{groups[0][0]} in {len(groups[0][1])}"]
     for value, trials in groups[1:]:
         names = [code(str(name)) for name in trials.index[:NAMED]] + ["..."] * (len(trials) > NAMED)
         texts.append(f"{value} in {len(trials)} ({', '.join(names)})")
     return ", ".join(texts)
+
+
+def _groups(values: pd.Series) -> list[tuple[str, pd.Series]]:
+    """Return each value with its trials, the most common first."""
+    return sorted(values.groupby(values), key=lambda group: (-len(group[1]), group[0]))

@@ -53,6 +53,13 @@ def parts(results: Results) -> dict[str, Results]:
     return _by_tasks(grid[1]) | dict(others)
 
 
+def prefix(part: str) -> str:
+    """Return what the names of the figures of a part begin with: nothing for the first part."""
+    if part == OTHERS:
+        return "other_"
+    return f"{part}_" if part in further.names() else ""
+
+
 def _by_tasks(results: Results) -> dict[str, Results]:
     learning = results.trials["steps"] > 0
     papers = results.trials["task"].isin(PAPER)

@@ -67,6 +67,16 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], words: int = 1) ->
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
+def frames(number: int) -> str:
+    """Return how many frames there are, in words."""
+    return f"{number} {'frame' if number == 1 else 'frames'}"
+
+
+def rows(number: int) -> str:
+    """Return how many rows there are, in words."""
+    return f"{number} {'row' if number == 1 else 'rows'}"
+
+
 def folded(summary: str, body: str) -> str:
     """Return Markdown that is folded under a summary of plain words."""
     return f"<details>\n<summary>{summary}</summary>\n\n{body}\n\n</details>"

@@ -1,6 +1,6 @@
 """The sections of the leaderboard that are about all cells together, as Markdown."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 import pandas as pd
@@ -14,7 +14,13 @@ from usbench.results.text import DASH, agent, bounds, capital, code, folded, int
 CELLS = "mean of the cells' IQMs"
 
 
-def sections(own: Results, name: str, pairs: pd.DataFrame, doubted: Collection[str] = ()) -> list[str]:
+def sections(
+    own: Results,
+    name: str,
+    pairs: pd.DataFrame,
+    doubted: Collection[str] = (),
+    figures: Sequence[str] = (),
+) -> list[str]:
     """Return the sections of one part of the results, each with its heading.
 
     Args:
@@ -22,16 +28,18 @@ def sections(own: Results, name: str, pairs: pd.DataFrame, doubted: Collection[s
         name: What the part is called, one of those of `scores.parts`.
         pairs: What `ranking.improvement` gives for its learning agents.
         doubted: Names of trials that are not verified.
+        figures: Links to the pictures that stand in the section.
     """
     matrices, _ = scores.matrices(own)
     learners = scores.finals_of_learners(own)
     where = "" if name == scores.ALL else f": {name}"
     found = []
     if name in further.names():
-        found += [f"## Further table: {name}", further.describe(name)]
-        found += [overall(own.trials, matrices, doubted)] if learners else []
-    elif matrices:
-        found += [f"## {capital(name)} together", overall(own.trials, matrices, doubted)]
+        found += [f"## Further table: {name}", further.describe(name), *figures]
+        found += [overall(own.trials, matrices, doubted, brief=True)] if learners else []
+    elif matrices or figures:
+        found += [f"## {capital(name)} together", *figures]
+        found += [overall(own.trials, matrices, doubted)] if matrices else []
     if len(learners) > 1:
         found += [
             f"## Probability of improvement{where}",
@@ -44,8 +52,16 @@ def sections(own: Results, name: str, pairs: pd.DataFrame, doubted: Collection[s
     return found
 
 
-def overall(trials: pd.DataFrame, matrices: Mapping[str, stats.Array], doubted: Collection[str] = ()) -> str:
-    """Return the table of all cells together: those that are ranked first, then the others, best first."""
+def overall(
+    trials: pd.DataFrame,
+    matrices: Mapping[str, stats.Array],
+    doubted: Collection[str] = (),
+    brief: bool = False,
+) -> str:
+    """Return the table of all cells together: those that are ranked first, then the others, best first.
+
+    A `brief` one has no medians and means, and tells in a line what the whole one explains.
+    """
     doubtful = additions.holders(trials, doubted)
     known = ranking.overall(matrices)
     notes = {
@@ -56,24 +72,31 @@ def overall(trials: pd.DataFrame, matrices: Mapping[str, stats.Array], doubted: 
     known["beside"] = known["note"] != ""
     known["asked"] = np.maximum(known["seeds"], np.where(known["beside"], 0, scores.seeds_asked(trials)))
     known = known.sort_values("beside", kind="stable")
+    measures = {
+        "cells": CELLS,
+        **({} if brief else {"median": "median", "mean": "mean"}),
+        "optimality_gap": "optimality gap",
+    }
     rows = [
         [
             agent(row.agent, row.note, additions.MARK if row.agent in doubtful else ""),
             f"{row.seeds}/{row.asked}",
             interval(row.score, row.score_low, row.score_high),
             bounds(row.whole_low, row.whole_high),
-            *(number(value, 3) for value in (row.cells, row.median, row.mean, row.optimality_gap)),
+            *(number(getattr(row, name), 3) for name in measures),
         ]
         for row in known.itertuples()
     ]
     n_cells = next(iter(matrices.values())).shape[1]
     title = "1 cell" if n_cells == 1 else f"{n_cells} cells (task and noise)"
-    head = ["agent", "seeds", "score (IQM)", "with whole seeds", CELLS, "median", "mean", "optimality gap"]
+    shown = table(["agent", "seeds", "score (IQM)", "with whole seeds", *measures.values()], rows)
+    if brief:
+        return f"Scores over {title}, of the seeds that are finished in all of them.\n\n{shown}"
     return (
         f"Scores over {title}, of the seeds that are finished in all of them. The score with its interval is "
         "the primary figure; seeds are resampled within each cell. For the interval with whole seeds, the "
         "same seeds are drawn for all cells, since a seed has the same starts in each."
-        f"{_quarters(n_cells)}{_seeds(matrices)}\n\n" + table(head, rows)
+        f"{_quarters(n_cells)}{_seeds(matrices)}\n\n{shown}"
     )
 
 

@@ -12,6 +12,7 @@ import pandas as pd
 
 from usbench import seed_pools
 from usbench.records import TrialConfig
+from usbench.results import text
 from usbench.results.protocol import unseen
 from usbench.results.tables import Results, n_frames
 from usbench.tasks import row_of
@@ -88,8 +89,7 @@ def describe(name: str) -> str:
     table, default = _further()[name], _default()
     parts = []
     if table.n_frames != default.n_frames:
-        frames = "1 frame" if table.n_frames == 1 else f"{table.n_frames} frames"
-        parts.append(f"{frames} in one observation in place of {default.n_frames}")
+        parts.append(f"{text.frames(table.n_frames)} in one observation in place of {default.n_frames}")
     if table.network:
         parts.append(f"the {table.network} network in place of the paper's")
     if table.budgets != 1:

@@ -21,6 +21,9 @@ from usbench.results.scores import BOOTSTRAP_SEED
 from usbench.results.text import DASH, code, interval, names, number, table
 
 TABLE = "tuning.csv"
+ABOUT = (
+    "What a search finds with few candidates: their scores after a quarter of the budget, and the best of n."
+)
 # `score` is empty where the training diverged; the first rung is 0, and the whole budget has the last.
 COLUMNS = ("row", "candidate", "task", "noise", "seed", "score", "rung")
 SHOWN = (1, 2, 4, 8, 16)

@@ -20,11 +20,11 @@ ABOUT = (
     "Agents that learn on new phantoms in every episode and are tested on phantoms never seen: with any "
     "number of steps on tasks whose budget is 100 000, and with more than the task's budget on "
     "`fp-random` and `pp-random`. Agents may see any number of frames, and may be told what their task tells "
-    "and their own last actions: the tables of the cells say what each is told, and the ceiling, the "
+    "and their own last actions: the tables of the cells say what each learned with, and the ceiling, the "
     "score of the best policy that is told the same and remembers everything (≤: that of a policy that is "
     "told more). Never averaged with the grid; not of the protocol."
 )
-COLUMNS = ("ceiling", "told", "frames", "steps")
+COLUMNS = ("ceiling", "learned with")
 NOTHING = "nothing"
 
 
@@ -49,9 +49,7 @@ def columns(row: Mapping[str, Any], settings: Mapping[str, str]) -> list[str]:
     senses = tables.senses(own)
     return [
         _ceiling(row["task"], senses, row["noise"]),
-        ", ".join(senses) or NOTHING,
-        str(tables.n_frames(own)),
-        str(row["steps"]),
+        f"told {', '.join(senses) or NOTHING}; {text.frames(tables.n_frames(own))}; {row['steps']} steps",
     ]
 
 
