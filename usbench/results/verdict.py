@@ -164,10 +164,10 @@ def _highest(ranked: _Ranked, where: str) -> str:
     if not near:
         return f"{code(best)} has the highest score, {score} {over}; {ranked.beside(others, best)}."
     rest = ranked.beside([one for one in others if one not in near], best, code(best))
-    return (
-        f"no single agent has the highest score {over}: {code(best)}, {score}, cannot be told apart from "
-        f"{' and '.join(f'{code(one)}, {ranked.score(one)}' for one in near)}{'; ' if rest else ''}{rest}."
-    )
+    *first, last = (f"{code(one)}, {ranked.score(one)}" for one in (best, *near))
+    alike = f"{', '.join(first)}, and {last}, have the highest scores {over}"
+    apart = " and cannot be told apart" if len(near) == 1 else f"; {code(best)} cannot be told from the others"
+    return f"{alike}{apart}{'; ' if rest else ''}{rest}."
 
 
 def _against_the_papers_own(ranked: _Ranked, in_part: bool) -> list[str]:
