@@ -62,7 +62,9 @@ def test_its_own_is_best():
 
 def test_overlap_is_no_victory():
     first, second, _ = sentences(*seeds("vpg", MIDDLE), *seeds("ppo", [0.62, 0.66, 0.73, 0.78, 0.81]))
-    assert re.match(r"`ppo`, 0.72 \[[^]]*\], and `vpg`, 0.70 \[[^]]*\], have the highest scores over 1 of", first)
+    assert re.match(
+        r"`ppo`, 0.72 \[[^]]*\], and `vpg`, 0.70 \[[^]]*\], have the highest scores over 1 of", first
+    )
     assert first.endswith(" and cannot be told apart")
     assert second.startswith("Whether other methods do better than") and "cannot be told from" in second
     assert "`ppo` cannot be told apart from it" in second

@@ -166,7 +166,9 @@ def _highest(ranked: _Ranked, where: str) -> str:
     rest = ranked.beside([one for one in others if one not in near], best, code(best))
     *first, last = (f"{code(one)}, {ranked.score(one)}" for one in (best, *near))
     alike = f"{', '.join(first)}, and {last}, have the highest scores {over}"
-    apart = " and cannot be told apart" if len(near) == 1 else f"; {code(best)} cannot be told from the others"
+    apart = (
+        " and cannot be told apart" if len(near) == 1 else f"; {code(best)} cannot be told from the others"
+    )
     return f"{alike}{apart}{'; ' if rest else ''}{rest}."
 
 
