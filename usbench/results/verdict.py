@@ -164,12 +164,11 @@ def _highest(ranked: _Ranked, where: str) -> str:
     if not near:
         return f"{code(best)} has the highest score, {score} {over}; {ranked.beside(others, best)}."
     rest = ranked.beside([one for one in others if one not in near], best, code(best))
-    *first, last = (f"{code(one)}, {ranked.score(one)}" for one in (best, *near))
-    alike = f"{', '.join(first)}, and {last}, have the highest scores {over}"
-    apart = (
-        " and cannot be told apart" if len(near) == 1 else f"; {code(best)} cannot be told from the others"
+    alike = " and ".join(f"{code(one)}, {ranked.score(one)}" for one in near)
+    return (
+        f"{code(best)} has the highest score, {score} {over}, but cannot be told apart from {alike}"
+        f"{'; ' if rest else ''}{rest}."
     )
-    return f"{alike}{apart}{'; ' if rest else ''}{rest}."
 
 
 def _against_the_papers_own(ranked: _Ranked, in_part: bool) -> list[str]:
