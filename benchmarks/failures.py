@@ -58,7 +58,7 @@ def main() -> None:
     """Print the tables; draw the figures that the arguments ask for."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=Path, default=Path("runs"), help="folder of trials (default runs)")
-    parser.add_argument("--frames", type=Path, help="folder of trials with other numbers of frames")
+    parser.add_argument("--frames", type=Path, help="trials, or tables, with several numbers of frames")
     parser.add_argument("--pairs", type=int, default=8, help="look-alikes per task (default 8)")
     parser.add_argument("--figure", type=Path, help="also draw the look-alikes here (PNG, SVG or PDF)")
     parser.add_argument("--ends", type=Path, help="also draw here how episodes end; the table .csv beside it")
