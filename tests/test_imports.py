@@ -179,7 +179,7 @@ def test_results_import_only_records_and_the_tables_of_tasks_ceilings_and_algori
 def test_comparisons_import_no_page_and_no_command(path):
     # Of agents only the tables, which load no torch.
     agents = ("agents.zoo", "agents.search_space")
-    allowed = ("compare", "trials", "figures", "results", "setting", "suite", "records", *agents)
+    allowed = ("compare", "trials", "figures", "results", "setting", "suite", "records", "ceilings", *agents)
     assert not foreign(path, *(f"usbench.{name}" for name in allowed), *GROUND)
 
 
@@ -196,6 +196,7 @@ def test_the_guide_imports_no_report_no_comparison_and_no_command(path):
         "setting",
         "suite",
         "records",
+        "ceilings",
         "agents",
         "envs",
     )

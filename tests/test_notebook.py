@@ -17,7 +17,7 @@ def cells(kind, notebook=NOTEBOOK):
 
 def test_code_runs_from_the_committed_records(quick, monkeypatch, tmp_path):
     monkeypatch.chdir(NOTEBOOK.parent)
-    monkeypatch.setattr("tempfile.mkdtemp", lambda: str(tmp_path))
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     names = {}
     with matplotlib.rc_context({"backend": "agg"}):
         for cell in cells("code"):

@@ -197,8 +197,9 @@ def test_agents_that_are_told_other_things_are_in_the_table_of_unseen_phantoms(h
     assert cli.main(["leaderboard", "--runs", "runs"]) == 0
     told = capsys.readouterr().err.splitlines()
     assert sorted(line.rpartition(": ")[2] for line in told) == sorted(left_out)
-    (row,) = [line for line in Path("leaderboard.md").read_text().splitlines() if "| 64 |" in line]
-    assert row.endswith(f"| {ceiling('pp-tracked', ['heading']):.3f} | heading, actions | 2 | 64 |")
+    (row,) = [line for line in Path("leaderboard.md").read_text().splitlines() if "; 64 steps |" in line]
+    own = "told heading, actions; 2 frames; 64 steps"
+    assert row.endswith(f"| {ceiling('pp-tracked', ['heading']):.3f} | {own} |")
     assert list(pd.read_csv("scores.csv")["table"].unique()) == ["unseen-phantoms"]
     assert list(tables.read(Path("leaderboard_files")).trials["trial"]) == [kept]
 

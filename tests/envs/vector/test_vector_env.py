@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.vector import AutoresetMode
+from stored import fresh_stores
 
 from usbench.envs import frames
 from usbench.envs.anatomy import Recording
@@ -72,6 +73,7 @@ def test_frames_of_all_environments_are_simulated_in_one_call_with_the_bits_of_o
         calls.append(len(scenes))
         return scan_batch(scenes, *scene)
 
+    fresh_stores(monkeypatch)
     scan_batch = frames.scan_batch
     monkeypatch.setattr(frames, "scan_batch", counted)
     ours, theirs = made(BUILT_IN["pp-random"].env_id, autoreset_mode="SameStep", max_episode_steps=2)
