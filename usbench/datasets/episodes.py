@@ -79,7 +79,7 @@ class _Watched(gym.Wrapper[Any, int, Any, int]):
 def make_env(setting: Setting) -> gym.Env[Any, Any]:
     """Make the environment whose observations are kept, as its id and these arguments alone make it."""
     by_default = Setting(task=setting.task).senses
-    told = {} if setting.senses == by_default else {"senses": list(setting.senses or ())}
+    told: dict[str, Any] = {} if setting.senses == by_default else {"senses": list(setting.senses or ())}
     with of_any_version():
         env: gym.Env[Any, Any] = gym.make(setting.row.env_id, noise=setting.noise, **told)
     return env
