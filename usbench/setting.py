@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import json
 import warnings
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Any, TypeVar
@@ -17,7 +16,7 @@ import numpy as np
 from gymnasium.envs.registration import load_env_creator
 from gymnasium.vector import AutoresetMode
 
-from usbench import anatomy_record, suite
+from usbench import anatomy_record, scene_record, suite
 from usbench.anchors import Anchors
 from usbench.checks import probability, unknown, whole_number
 from usbench.envs import oracle
@@ -42,17 +41,6 @@ TRAINED_ON = (TRUE_REWARD, IMAGE)
 LOOKS = ("anatomy", "probe", "imaging")
 Report = Callable[[int, int], None]
 T = TypeVar("T")
-# Fields of phantom, probe and imaging that are younger than trials which are kept: records leave them out
-# where they change nothing, so that a trial has the name that it always had.
-LATER = {
-    "attenuation_db_per_cm_mhz": 0.0,
-    "slice_thickness": 10e-3,
-    "noise_db": None,
-    "tgc_db_per_cm": 0.0,
-    "receive_focus": None,
-    "receive_f_number": None,
-    "count": None,
-}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,8 +111,8 @@ class Setting:
                 n_frames=config.n_frames,
                 reward=environment.get("reward", TRUE_REWARD),
                 anatomy=anatomy_record.recorded(environment),
-                probe=_recorded(LinearArray, environment, "probe"),
-                imaging=_recorded(Imaging, environment, "imaging"),
+                probe=scene_record.recorded(LinearArray, environment, "probe"),
+                imaging=scene_record.recorded(Imaging, environment, "imaging"),
                 senses=tuple(environment.get("senses", ())),
                 n_phantoms=environment.get("phantoms", {}).get("count"),
             )
@@ -138,7 +126,7 @@ class Setting:
     def record(self) -> dict[str, Any]:
         """Return the environment as plain values, as a trial records it."""
         plain = self.plain_env()
-        scene = {name: _plain_values(getattr(plain, name)) for name in plain.scene}
+        scene = {name: scene_record.plain(getattr(plain, name)) for name in plain.scene}
         if self.n_phantoms is not None:
             scene["phantoms"]["digest"] = plain.phantoms.digest
         own = {} if self.anatomy is None else anatomy_record.plain(self.anatomy)
@@ -388,17 +376,6 @@ def make_vec_env(
     return Setting(task=task, **setting).make_vec_env(
         num_envs, autoreset_mode=autoreset_mode, render_mode=render_mode
     )
-
-
-def _plain_values(part: Any) -> dict[str, Any]:
-    """Return a part of the scene as the plain values that JSON gives back."""
-    values = json.loads(json.dumps(asdict(part)))
-    return {name: value for name, value in values.items() if name not in LATER or value != LATER[name]}
-
-
-def _recorded(cls: Callable[..., T], environment: Mapping[str, Any], name: str) -> T:
-    """Return a part of the scene as recorded, its default where a trial has recorded none."""
-    return cls(**environment.get(name, {}))
 
 
 def _of_all(report: Report, before: int, total: int, done: int, _: int) -> None:
