@@ -54,9 +54,16 @@ def test_improvement_in_both_directions():
     table = ranking.improvement({"a": np.array([[0.2], [0.6]]), "b": np.array([[0.1], [0.5]])})
     table = table.set_index(["agent", "other"])
     assert table["probability"]["a", "b"] == 0.75 and table["probability"]["b", "a"] == 0.25
-    # The interval of one is that of the other, mirrored: sure one way round, sure the other.
-    assert table["low"]["b", "a"] == 1 - table["high"]["a", "b"]
-    assert table["high"]["b", "a"] == 1 - table["low"]["a", "b"]
+
+
+@pytest.mark.parametrize("kind", ["", "sure_", "whole_"])
+def test_the_interval_of_one_way_round_is_that_of_the_other_mirrored(kind):
+    generator = np.random.default_rng(3)
+    table = ranking.improvement({"a": generator.normal(0.3, 1, (6, 4)), "b": generator.normal(size=(8, 4))})
+    there, back = table.iloc[0], table.iloc[1]
+    assert (there["agent"], there["other"]) == (back["other"], back["agent"])
+    low, high = f"{kind}low", f"{kind}high"
+    assert [back[low], back[high]] == [1 - there[high], 1 - there[low]] and there[low] < there[high]
 
 
 def test_level_is_corrected_for_the_number_of_pairs():

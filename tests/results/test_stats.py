@@ -90,6 +90,8 @@ def test_area_under_curve_by_hand():
     assert stats.area_under_curve([0, 10, 40], [0, 1, 1]) == pytest.approx(35 / 40)
     curves = [[0.5, 0.5, 0.5], [0, 1, 1]]
     assert stats.area_under_curve([0, 10, 40], curves) == pytest.approx([0.5, 0.875])
+    # The mean over the range of the curve, wherever it begins.
+    assert stats.area_under_curve([10, 20, 50], curves) == pytest.approx([0.5, 0.875])
 
 
 def test_interval_covers_the_truth_as_often_as_it_says():
