@@ -100,6 +100,15 @@ def test_stacked_senses_are_those_of_the_stacked_frames():
     assert all(env.observation_space.contains(one) for one in seen)
 
 
+def test_observations_are_equal_where_images_and_senses_are():
+    image, told = np.arange(8).reshape(2, 2, 2), np.array([0.5, 1])
+    seen = {"image": image, "senses": told}
+    assert senses.equal(image, image.copy()) and senses.equal(seen, {"image": image.copy(), "senses": told})
+    for other in (image, image + 1, {**seen, "image": image + 1}, {**seen, "senses": told + 1}):
+        assert not senses.equal(seen, other)
+    assert not senses.equal(image, image + 1)
+
+
 @pytest.mark.parametrize(
     ("names", "error", "words"),
     [

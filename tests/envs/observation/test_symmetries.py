@@ -55,6 +55,13 @@ def test_a_probe_that_never_turns_has_one_symmetry_and_one_that_turns_has_seven(
     assert found("fp-random").actions[1].tolist() == [0, 2, 1, 3, 4]
 
 
+def test_coordinates_are_what_is_told_of_the_pose_and_actions_are_not():
+    # x, focus, sine and cosine; then one place for each of the seven actions.
+    assert found("exam-tracked").coordinates.tolist() == [True] * 4 + [False] * 7
+    assert not symmetries(checked(("actions",), TASKS["pp-random"].guidance)).coordinates.any()
+    assert symmetries(checked(("position",), TASKS["pp-random"].guidance)).coordinates.all()
+
+
 def test_the_action_that_ends_an_episode_stays():
     assert (found("exam-stop").actions[:, -1] == found("exam-stop").actions.shape[1] - 1).all()
 
