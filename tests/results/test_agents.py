@@ -78,6 +78,15 @@ def test_many_settings_are_a_digest_and_steps_are_one_of_them():
     assert len(found[2]) == len("vpg 01234567") and "=" not in found[2]
 
 
+def test_other_settings_with_another_noise_are_a_row_of_their_own_too():
+    mixed = [trial("vpg"), trial("vpg", noise=0.25), trial("vpg", task="pp"), other(noise=0.5)]
+    assert names(*mixed) == ["vpg", "vpg", "vpg", "vpg gamma=0.9"]
+
+
+def test_settings_of_another_task_are_its_own():
+    assert names(trial("vpg"), trial("vpg", noise=0.25), other(task="pp")) == ["vpg"] * 3
+
+
 def test_papers_tasks_count_apart():
     exam = [other(task="exam"), other(task="exam", seed=1), trial("vpg", task="exam")]
     assert names(*seeds("vpg", [0.5, 0.6]), other(), *exam) == [

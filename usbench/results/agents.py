@@ -16,42 +16,43 @@ SPELLED = 2
 def named(trials: pd.DataFrame) -> pd.DataFrame:
     """Return the trials with a column `agent`: the row of the leaderboard to which each belongs.
 
-    An agent is named after its algorithm. Where trials of an algorithm in one cell have several
-    configurations, the one that fills most cells keeps the name. Of several such it is the one with the
-    settings of the table of algorithms, then the one with most finished trials: whoever adds trials with
-    other settings, however many, does not take the name. Other configurations are named by the settings in
-    which they differ from it, for example "vpg gamma=0.9". Of configurations that are equal in all this,
-    none keeps the name. The paper's tasks count apart from others.
+    An agent is named after its algorithm. Where trials of an algorithm on one task have several settings, in
+    one cell or with other noise, the settings that fill most cells keep the name. Of several such it is those
+    of the table of algorithms, then those with most finished trials: whoever adds trials with other settings,
+    however many, does not take the name. Other settings are named by what differs from these, for example
+    "vpg gamma=0.9". Of settings that are equal in all this, none keeps the name. The paper's tasks count
+    apart from others.
     """
     names = trials["algo"].copy()
     for (algo, _), own in trials.groupby([trials["algo"], trials["task"].isin(PAPER)]):
-        if (own.groupby(["task", "noise"])["configuration"].nunique() > 1).any():
-            names.update(_names(str(algo), own))
+        # Configurations of two cells are never the same; their settings are.
+        kinds = own["settings"] + own["steps"].map(" {}".format)
+        if (kinds.groupby(own["task"]).nunique() > 1).any():
+            names.update(_names(str(algo), own.assign(kind=kinds)))
     return trials.assign(agent=names)
 
 
 def _names(algo: str, own: pd.DataFrame) -> pd.Series:
     """Return the names of an algorithm's trials."""
-    # Configurations of two cells are never the same; their settings are.
-    own = own.assign(kind=own["settings"] + own["steps"].map(" {}".format), done=own["status"] == "finished")
+    own = own.assign(done=own["status"] == "finished")
     finished = own[own["done"]]
     filled = {
         kind: (len(rows[["task", "noise"]].drop_duplicates()), len(rows))
         for kind, rows in finished.groupby("kind")
     }
     names = pd.Series(algo, index=own.index)
-    for _, cell in own.groupby(["task", "noise"]):
-        found = {name: rows for name, rows in cell.groupby("configuration")}
-        rank = {}
-        for name, rows in found.items():
-            n_cells, n_trials = filled.get(rows["kind"].iloc[0], (0, 0))
-            rank[name] = (n_cells, _alike(rows.iloc[0]), n_trials, rows["done"].sum())
-        first, *others = sorted(found, key=lambda name: rank[name], reverse=True)
-        tied = [name for name in others if rank[name] == rank[first]]
-        for name in others:
-            names[found[name].index] = f"{algo} {_difference(found[name], found[first]) or name}"
-        if tied:
-            names[found[first].index] = f"{algo} {_difference(found[first], found[tied[0]]) or first}"
+    for _, of_task in own.groupby("task"):
+        found = {kind: rows for kind, rows in of_task.groupby("kind")}
+        rank = {
+            kind: (filled.get(kind, (0, 0))[0], _alike(rows.iloc[0]), *filled.get(kind, (0, 0))[1:])
+            for kind, rows in found.items()
+        }
+        first, *others = sorted(found, key=lambda kind: rank[kind], reverse=True)
+        tied = [kind for kind in others if rank[kind] == rank[first]]
+        beside = {kind: first for kind in others} | ({first: tied[0]} if tied else {})
+        for kind, other in beside.items():
+            rows = found[kind]
+            names[rows.index] = f"{algo} {_difference(rows, found[other]) or rows['configuration'].iloc[0]}"
     return names
 
 
