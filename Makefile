@@ -84,7 +84,7 @@ check-docker:  ## build the image of the Dockerfile and run the tests in it (nee
 	docker build --tag usbench .
 	docker run --rm usbench
 
-compare: $(STAMP)  ## run what is missing of the paper's grid for every algorithm (many hours), write leaderboard.md
+compare: $(STAMP)  ## run what is missing of the paper's grid for every algorithm (many hours), write runs/leaderboard.md
 	$(BIN)/usbench compare
 
 leaderboard: $(STAMP)  ## write leaderboard.md, its figures and docs/paper.md again, from leaderboard_files/ and search/ alone

@@ -62,6 +62,14 @@ def test_only_what_there_is_to_draw(tmp_path, trials, names):
     assert [path.stem for path in comparison.write(made(*trials), tmp_path)] == names
 
 
+def test_a_figure_of_earlier_results_does_not_stay(tmp_path):
+    comparison.write(made(*GRID), tmp_path)
+    assert (tmp_path / "improvement.png").exists() and (tmp_path / "performance_profiles.png").exists()
+    comparison.write(made(trial("vpg"), trial("ppo", task="pp")), tmp_path)
+    assert not (tmp_path / "improvement.png").exists()
+    assert not (tmp_path / "performance_profiles.png").exists() and (tmp_path / "scores.png").exists()
+
+
 def test_paper_figures_draw_mean_and_deviation_over_seeds():
     figure = paper.figure4(made(*seeds("vpg", [0.2, 0.4])))
     (axis,) = figure.axes

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from usbench.cli.arguments import (
+    ELSEWHERE,
     GOES_ON,
     LEADERBOARD,
     add_leaderboard_file,
@@ -82,7 +83,11 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
     compare.add_argument(
         "--steps", type=number, metavar="N", help="training steps (default: the task's budget)"
     )
-    add_leaderboard_file(compare, "leaderboard.md, and tables/NAME/leaderboard.md with --table NAME")
+    add_leaderboard_file(
+        compare,
+        "leaderboard.md, and tables/NAME/leaderboard.md with --table NAME; below the folder of the trials "
+        "where that would lose others, as in a clone",
+    )
     compare.set_defaults(leaderboard=None)
     add_sweep(compare)
     compare.add_argument(
@@ -105,8 +110,6 @@ def _call(args: argparse.Namespace) -> None:
 
     jobs = None if args.jobs is None else plan.positive("jobs", args.jobs)
     rules = protocol.read()
-    if args.leaderboard is None:
-        args.leaderboard = LEADERBOARD if args.table is None else TABLES / args.table / LEADERBOARD
     planned = plan.by_protocol(
         rules,
         args.table,
@@ -116,6 +119,11 @@ def _call(args: argparse.Namespace) -> None:
         n_seeds=args.seeds,
         steps=args.steps,
     )
+    if args.leaderboard is None:
+        usual = LEADERBOARD if args.table is None else TABLES / args.table / LEADERBOARD
+        args.leaderboard = runs.place(usual, args.out, [config.folder_name for config in planned])
+        if args.leaderboard != usual:
+            print(ELSEWHERE.format(usual, args.out, args.leaderboard), file=sys.stderr)
     with leaderboard.prepared(args.leaderboard):
         outcomes = [] if args.report_only else _run_missing(args, planned, jobs)
         # First: damaged records make no leaderboard.

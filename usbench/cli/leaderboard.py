@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from usbench.checks import ConfigurationError
-from usbench.cli.arguments import add_leaderboard_file, tell_watcher
+from usbench.cli.arguments import ELSEWHERE, LEADERBOARD, add_leaderboard_file, tell_watcher
 
 if TYPE_CHECKING:
     from usbench.results.additions import Addition
+    from usbench.results.tables import Results
 
 LEFT_OUT = "left out, as its anatomy, probe, imaging, reward or senses are not those of the task {}: {}"
 KEPT = "the tables keep their trials: --replace puts those of {} in their place"
@@ -52,8 +53,11 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         metavar="FOLDER",
         help="folder with the records of searches, for example search: tell how hard each row is to tune",
     )
-    add_leaderboard_file(leaderboard)
-    leaderboard.set_defaults(call=_call)
+    add_leaderboard_file(
+        leaderboard,
+        "leaderboard.md; with --runs below that folder where that would lose other trials, as in a clone",
+    )
+    leaderboard.set_defaults(call=_call, leaderboard=None)
 
 
 def _call(args: argparse.Namespace) -> None:
@@ -69,38 +73,67 @@ def _call(args: argparse.Namespace) -> None:
         "whole grid"
     )
     from usbench.figures import comparison, tuning
-    from usbench.results import additions, held_out, leaderboard, published, studies, tables
+    from usbench.results import leaderboard, tables
     from usbench.results.protocol import tuning as searched
 
-    folder = leaderboard.files(args.leaderboard)
-    if args.runs is not None or args.add is not None:
-        # Only here: the tables of a leaderboard need no simulator.
-        from usbench.compare import runs
-
-        known, others = runs.gather(args.runs or args.add)
-        for name, task in others[["trial", "task"]].itertuples(index=False, name=None):
-            print(LEFT_OUT.format(task, name), file=sys.stderr)
-        if args.add is not None:
-            addition = additions.add(tables.read(published.or_own(folder)), known, replace=args.replace)
-            known = addition.results
-            checked = _told(addition, args.add, replaced=args.replace)
-        leaderboard.prepare(args.leaderboard)
-        if args.add is not None and published.bring(folder):
-            print(FROM_THE_PACKAGE.format(folder), file=sys.stderr)
-        if args.replace:
-            for name in held_out.forget(folder, [one.trial for one in addition.other]):
-                print(FORGOTTEN.format(name), file=sys.stderr)
-        tables.write(known, folder)
-        if args.add is not None:
-            additions.mark_unverified(folder, checked, [name for name, told in checked.items() if told])
-        studies.write(studies.gather(args.runs or args.add), folder)
+    path = args.leaderboard or LEADERBOARD
+    if args.runs is not None:
+        path = _write_trials(args)
+    elif args.add is not None:
+        _add_trials(args, path)
+    folder = leaderboard.files(path)
     known = tables.read(folder)
     if args.search is not None:
         searched.write(searched.gather(args.search), folder)
     # First: the page shows those that there are.
     figures = [*comparison.write(known, folder), *tuning.write(folder, folder)]
-    for path in [*leaderboard.write(folder, args.leaderboard), *figures]:
-        print(path)
+    for written in [*leaderboard.write(folder, path), *figures]:
+        print(written)
+
+
+def _write_trials(args: argparse.Namespace) -> Path:
+    """Write the tables of the trials in a folder; return the leaderboard that they are of."""
+    from usbench.compare import runs
+    from usbench.results import leaderboard, studies, tables
+
+    known = _gathered(args.runs)
+    path: Path = args.leaderboard or runs.place(LEADERBOARD, args.runs, known.trials["trial"])
+    if path != (args.leaderboard or LEADERBOARD):
+        print(ELSEWHERE.format(LEADERBOARD, args.runs, path), file=sys.stderr)
+    folder = leaderboard.prepare(path)
+    tables.write(known, folder)
+    studies.write(studies.gather(args.runs), folder)
+    return path
+
+
+def _add_trials(args: argparse.Namespace, path: Path) -> None:
+    """Add the trials in a folder to the tables of the leaderboard `path`, and tell what became of them."""
+    from usbench.results import additions, held_out, leaderboard, published, studies, tables
+
+    known = _gathered(args.add)
+    folder = leaderboard.files(path)
+    addition = additions.add(tables.read(published.or_own(folder)), known, replace=args.replace)
+    checked = _told(addition, args.add, replaced=args.replace)
+    leaderboard.prepare(path)
+    if published.bring(folder):
+        print(FROM_THE_PACKAGE.format(folder), file=sys.stderr)
+    if args.replace:
+        for name in held_out.forget(folder, [one.trial for one in addition.other]):
+            print(FORGOTTEN.format(name), file=sys.stderr)
+    tables.write(addition.results, folder)
+    additions.mark_unverified(folder, checked, [name for name, told in checked.items() if told])
+    studies.write(studies.gather(args.add), folder)
+
+
+def _gathered(folder: Path) -> Results:
+    """Return the results of the trials in a folder, and tell which cannot be compared."""
+    # Only here: the tables of a leaderboard need no simulator.
+    from usbench.compare import runs
+
+    known, others = runs.gather(folder)
+    for name, task in others[["trial", "task"]].itertuples(index=False, name=None):
+        print(LEFT_OUT.format(task, name), file=sys.stderr)
+    return known
 
 
 def _told(addition: Addition, runs: Path, *, replaced: bool) -> dict[str, list[str]]:

@@ -1,6 +1,6 @@
 """From folders of trials to the tables of a leaderboard."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import pandas as pd
@@ -34,6 +34,21 @@ def gather(runs: Path) -> tuple[Results, pd.DataFrame]:
     own = {trial.name: is_on_its_task(trial.config) for trial in records.load_trials(runs)}
     fits = known.trials["trial"].map(own)
     return known.of(known.trials[fits]), known.trials[~fits]
+
+
+def place(usual: Path, out: Path, names: Iterable[str]) -> Path:
+    """Return where the leaderboard of the trials `names` goes if no file is named.
+
+    That is `usual`, unless the tables beside it would lose trials that are not among `names` and have no
+    folder in `out`, as in a clone those of the benchmark's own leaderboard. Then it is `out / usual`.
+    """
+    try:
+        kept = tables.read(leaderboard.files(usual)).trials
+    except (FileNotFoundError, ValueError):  # nothing there that could be lost
+        return usual
+    learned = (kept["steps"] > 0) & (kept["status"] == "finished")
+    others = set(kept.loc[learned, "trial"]) - set(names)
+    return out / usual if any(not (out / name).exists() for name in others) else usual
 
 
 def report(planned: Sequence[TrialConfig], out: Path, path: Path) -> list[Path]:

@@ -38,16 +38,20 @@ CEILING: dict[str, Any] = {"color": "#882255", "linestyle": ":", "linewidth": 1.
 def write(known: Results, folder: Path, formats: Sequence[str] = ("png",)) -> list[Path]:
     """Draw every figure for which there are results into `folder`, made if need be; return the paths.
 
+    A figure for which there are none is removed, if an earlier call drew it from other results.
+
     Raises:
         ValueError: If a format is not one of `style.FORMATS`.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    return [
-        style.save(figure, folder / f"{name}.{kind}")
-        for name, figure in draw(known).items()
-        if figure is not None
-        for kind in formats
-    ]
+    written = []
+    for name, figure in draw(known).items():
+        for path in (folder / f"{name}.{kind}" for kind in formats):
+            if figure is None:
+                path.unlink(missing_ok=True)
+            else:
+                written.append(style.save(figure, path))
+    return written
 
 
 def draw(known: Results) -> dict[str, Figure | None]:

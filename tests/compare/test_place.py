@@ -1,0 +1,66 @@
+"""Where a leaderboard goes: never in the place of trials that are nowhere else."""
+
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+from made_tables import made, trial
+
+from usbench import cli
+from usbench.compare import runs, sweep
+from usbench.results import tables
+
+BOARD, TRIALS = Path("leaderboard.md"), Path("leaderboard_files") / tables.TRIALS
+COMPARE = "compare --algos random --tasks pp --noise 0.5 --seeds 1 --jobs 1 --quiet".split()
+
+
+@pytest.fixture
+def board(quick, tmp_path, monkeypatch):
+    """A folder with the tables of a leaderboard that has one trial; returns the trial's name."""
+    monkeypatch.setitem(sweep.run.__kwdefaults__, "executor", lambda: ThreadPoolExecutor(1))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("usbench.figures.comparison.write", lambda *_: [])  # most of the time
+    TRIALS.parent.mkdir()
+    known = made(trial("vpg"))
+    tables.write(known, TRIALS.parent)
+    return known.trials["trial"].item()
+
+
+def test_trials_that_are_nowhere_else_keep_their_leaderboard(board):
+    assert runs.place(BOARD, Path("runs"), ["other"]) == Path("runs/leaderboard.md")
+
+
+def test_trials_that_are_there_or_that_are_read_do_not_count(board):
+    assert runs.place(BOARD, Path("runs"), [board, "other"]) == BOARD
+    (Path("runs") / board).mkdir(parents=True)
+    assert runs.place(BOARD, Path("runs"), ["other"]) == BOARD
+
+
+@pytest.mark.parametrize("changes", [{"status": "missing"}, {"status": "failed"}, {"steps": 0}])
+def test_what_was_not_trained_cannot_be_lost(board, changes):
+    tables.write(made(trial("vpg", **changes)), TRIALS.parent)
+    assert runs.place(BOARD, Path("runs"), []) == BOARD
+
+
+def test_broken_tables_hold_nothing(board):
+    TRIALS.write_text("nothing\n")
+    assert runs.place(BOARD, Path("runs"), []) == BOARD
+
+
+def test_commands_leave_the_leaderboard_alone_and_say_where_theirs_is(board, capsys):
+    before = TRIALS.read_bytes()
+    for command in (COMPARE, ["leaderboard", "--runs", "runs"]):
+        assert cli.main(command) == 0
+        said = capsys.readouterr()
+        assert said.err.splitlines()[-1] == (
+            "leaderboard.md holds trials that are not in runs: this leaderboard goes to runs/leaderboard.md"
+        )
+        assert said.out.splitlines()[0] == "runs/leaderboard.md"
+        assert TRIALS.read_bytes() == before and not BOARD.exists()
+    assert set(tables.read(Path("runs/leaderboard_files")).trials["algo"]) == {"random", "stay", "oracle"}
+
+
+def test_commands_write_the_leaderboard_that_is_named(board, capsys):
+    assert cli.main([*COMPARE, "--leaderboard", "leaderboard.md"]) == 0
+    assert "holds trials" not in capsys.readouterr().err
+    assert board not in set(tables.read(TRIALS.parent).trials["trial"])
