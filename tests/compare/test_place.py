@@ -11,7 +11,8 @@ from usbench.compare import runs, sweep
 from usbench.results import tables
 
 BOARD, TRIALS = Path("leaderboard.md"), Path("leaderboard_files") / tables.TRIALS
-COMPARE = "compare --algos random --tasks pp --noise 0.5 --seeds 1 --jobs 1 --quiet".split()
+TINY = ["--algos", "random", "--tasks", "pp", "--noise", "0.5", "--seeds", "1", "--jobs", "1", "--quiet"]
+COMPARE = ["compare", *TINY]
 
 
 @pytest.fixture
