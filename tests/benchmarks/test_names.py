@@ -7,7 +7,11 @@ from pathlib import Path
 
 import pytest
 
-SCRIPTS = sorted(Path(__file__).parents[2].glob("benchmarks/**/*.py"))
+SCRIPTS = [
+    path
+    for path in sorted(Path(__file__).parents[2].glob("benchmarks/**/*.py"))
+    if "from usbench" in path.read_text(encoding="utf-8")
+]
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.name)

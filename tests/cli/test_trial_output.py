@@ -1,5 +1,6 @@
 """What stands in the terminal when a trial has ended."""
 
+import dataclasses
 import json
 import re
 import sys
@@ -75,6 +76,12 @@ def test_steps_that_are_not_learned_from_are_told(algo, steps, said):
 def test_a_class_of_another_module_collects_its_steps_in_every_environment():
     config = resolve("stable_baselines3:PPO", "pp", steps=16_064, n_envs=8)
     assert trial_output.not_learned(config).endswith("the first update comes after 16384 (n_steps).")
+
+
+def test_hyperparameters_count_the_steps_of_all_environments():
+    config = resolve("stable_baselines3:PPO", "pp", steps=128, n_envs=4)
+    config = dataclasses.replace(config, hyperparameters={"n_steps": 64})  # of an `Entry` elsewhere
+    assert trial_output.not_learned(config) == ""
 
 
 def test_a_line_in_a_pipe_says_how_long_the_training_goes_on(monkeypatch, capsys):

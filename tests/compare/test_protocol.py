@@ -82,6 +82,7 @@ def test_no_pools_make_a_search_see_the_seeds_of_the_benchmark_s_comparison(tmp_
         (('rows = ["a2c"]', 'rows = ["ppq"]'), "did you mean 'ppo'"),
         (('tasks = ["pp"]', 'tasks = ["ppp"]'), "did you mean 'pp'"),
         (('tasks = ["pp"]', 'tasks = ["pp-random"]'), "search on pp"),
+        (('tasks = ["pp"]', 'tasks = ["pp-tracked"]'), "search on fp, pp, exam"),
         (
             ("seeds = 2\n", 'seeds = 2\n[[comparison.extras]]\nname = "a"\nnoises = [0.0]\nseeds = 901\n'),
             "not 1000",

@@ -81,6 +81,22 @@ def at_the_goal(rows):
     rows[-1]["is_success"] = not rows[-1]["is_success"]
 
 
+def nearer(rows):
+    rows[-1]["final_distance_mm"] += 1.0
+
+
+def flatter(rows):
+    rows[-1]["final_sin_angle"] += 0.1
+
+
+def sooner(rows):
+    rows[-1]["steps_to_goal"] = 1 if rows[-1]["steps_to_goal"] is None else None
+
+
+def infinite(rows):
+    rows[-1]["actions"][0] = float("inf")
+
+
 def of_no_list(rows):
     rows[-1]["eval_episode"] = 10_000
 
@@ -94,6 +110,10 @@ def of_no_list(rows):
         (too_long, "there are actions after its end"),
         (left_out, "with greedy actions are not"),
         (at_the_goal, "come out otherwise"),
+        (nearer, "has the final distance mm "),
+        (flatter, "has the final sin angle "),
+        (sooner, "has the steps to goal "),
+        (infinite, "cannot be played again"),
         (of_no_list, "cannot be played again"),
     ],
 )

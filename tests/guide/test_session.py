@@ -7,6 +7,7 @@ import time
 
 import pytest
 from quick_trials import speed_up
+from state_files import read_state, write_state
 
 from usbench import records
 from usbench.envs import guidance
@@ -159,6 +160,22 @@ def test_training_is_for_the_default_probe_and_imaging(tmp_path):
     assert not state["training"]["offered"] and state["untrained"].startswith("No agent is trained")
     with pytest.raises(ConfigurationError, match="default anatomy, probe and imaging"):
         session.train()
+
+
+@pytest.mark.parametrize("changes", [{"senses": ("heading",)}, {"task": "pp-random", "n_phantoms": 3}])
+def test_another_task_has_its_own_senses_and_phantoms(tmp_path, changes):
+    config = resolve("vpg", steps=64, **{"task": "pp", **changes})
+    session = Session(tmp_path, runner.run_trial(config, tmp_path).folder, seed=0)
+    for task in ("fp", "pp-tracked"):
+        session.choose(task=task)
+        assert session.setting == Setting(task=task) and guide_training.can_train(session.setting)
+
+
+def test_a_trial_of_an_algorithm_from_elsewhere_is_no_adviser(finished):
+    state = read_state(finished)
+    state["config"]["algo"] = "mine:Long"
+    write_state(finished, state)
+    assert agents.find(finished.parent) == []
 
 
 def test_folder_that_is_no_trial_is_refused(tmp_path):

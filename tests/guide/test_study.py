@@ -6,7 +6,7 @@ import pytest
 
 from usbench import cli, records
 from usbench.envs import guidance
-from usbench.guide import examination, study
+from usbench.guide import agents, examination, study
 from usbench.guide.session import Session
 from usbench.records import ConfigurationError
 from usbench.records.journal import read_rows
@@ -87,7 +87,11 @@ def test_study_goes_on_where_it_ended_and_torn_lines_do_no_harm(tmp_path):
         session.begin()
 
 
-def test_what_would_spoil_a_study_is_refused(tmp_path):
+def unopened(setting):
+    raise ConfigurationError("there is no such optimum.")
+
+
+def test_what_would_spoil_a_study_is_refused(tmp_path, monkeypatch):
     session = Session(tmp_path, study="anna")
     session.act(0)
     for spoil in (session.begin, session.follow, session.train, lambda: session.choose(hidden=False)):
@@ -97,6 +101,9 @@ def test_what_would_spoil_a_study_is_refused(tmp_path):
     assert state["hidden"] and state["balls"] == [] and state["step"] == 1
     with pytest.raises(ConfigurationError, match="has begun with another"):
         Session(tmp_path, study="anna", task="fp")
+    with monkeypatch.context() as patch, pytest.raises(ConfigurationError, match="no such optimum"):
+        patch.setattr(agents, "open_oracle", unopened)
+        Session(tmp_path, study="berta")
     for name in ("", "../anna", "a b", "x" * 65, "-a"):
         with pytest.raises(ConfigurationError, match="the name of a study must be"):
             Session(tmp_path, study=name)

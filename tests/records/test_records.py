@@ -1,6 +1,7 @@
 """Records: written whole, read back, and refused in one sentence where they are broken."""
 
 from dataclasses import asdict
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -104,6 +105,14 @@ def test_load_takes_one_trial_and_passes_over_earlier_attempts(tmp_path):
     assert len(records.load(folder)) == 1
 
 
+def test_a_trial_that_is_the_present_folder_has_its_name(tmp_path, monkeypatch):
+    folder = trial(tmp_path)
+    monkeypatch.chdir(folder)
+    assert [one.name for one in records.load_trials(".")] == [folder.name]
+    monkeypatch.chdir(tmp_path)
+    assert records.trial_folders(Path(folder.name)) == [Path(folder.name)]
+
+
 def test_load_of_an_empty_folder_is_an_empty_table(tmp_path):
     assert records.load(tmp_path).empty
 
@@ -170,12 +179,33 @@ def test_records_that_are_not_what_was_written_are_refused(tmp_path):
         records.load(tmp_path)
 
 
-@pytest.mark.parametrize("changed", [{"return": None}, {"return": "high"}, {"checkpoint": "last"}, {}])
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"return": None},
+        {"return": "high"},
+        {"checkpoint": "last"},
+        {"final_distance_mm": "far"},
+        {"final_sin_angle": None},
+        {"is_success": "yes"},
+        {},
+    ],
+)
 def test_a_line_without_a_number_that_is_needed_is_refused(tmp_path, changed):
     folder = trial(tmp_path)
     with Journal(folder / records.EVALUATIONS) as journal:
         journal.append([{**evaluation(2).as_row(), **changed} if changed else {}])
     with pytest.raises(ValueError, match=r"evaluations.jsonl is damaged: a line of it has no number '"):
+        Trial.read(folder).evaluations()
+
+
+def test_lines_that_do_not_say_when_the_goal_was_reached_are_refused(tmp_path):
+    folder = trial(tmp_path, rows=0)
+    row = evaluation().as_row()
+    del row["steps_to_goal"]
+    with Journal(folder / records.EVALUATIONS) as journal:
+        journal.append([row])
+    with pytest.raises(ValueError, match=r"evaluations.jsonl is damaged: no line of it has 'steps_to_goal'"):
         Trial.read(folder).evaluations()
 
 

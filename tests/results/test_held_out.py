@@ -14,6 +14,8 @@ from usbench.compare import transfer
 from usbench.records import ConfigurationError
 from usbench.results import held_out, leaderboard, tables
 from usbench.setting import Setting
+from usbench.trials import runner
+from usbench.trials.configuration import resolve
 
 
 def rows_of(*scores):
@@ -116,6 +118,13 @@ def test_an_agent_is_tested_once_on_every_phantom_of_the_list(finished, tmp_path
     capsys.readouterr()
     assert cli.main([*command[:2], str(tmp_path / "nowhere"), *command[3:]]) == 2
     assert "there is no folder" in capsys.readouterr().err
+
+
+def test_an_agent_that_is_told_its_actions_is_told_them_there_too(quick, tmp_path):
+    folder = runner.run_trial(resolve("vpg", "pp", steps=64, senses=("actions",)), tmp_path).folder
+    last = records.Trial.read(folder).last_evaluation(deterministic=True)
+    row = transfer.test(folder, "vpg", last["normalized_score"].mean())
+    assert row["task"] == "pp-random" and row["episodes"] == len(suite.evaluation_episodes("pp-random"))
 
 
 @pytest.mark.parametrize(("option", "value"), [("--algos", "nope"), ("--tasks", "exam"), ("--noise", "0.3")])

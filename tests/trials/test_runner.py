@@ -240,4 +240,4 @@ def test_resolved_configuration_is_complete_and_plain():
     assert config.hyperparameters["gae_lambda"] == 0.95
     assert set(config.environment) == {"id", "phantom", "probe", "imaging"}
     plain = dataclasses.asdict(config)
-    assert json.loads(json.dumps(plain, default=list)) is not None
+    assert json.loads(json.dumps(plain)) == plain

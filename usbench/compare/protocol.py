@@ -174,9 +174,10 @@ def _check(content: _Content) -> None:
             raise unknown("task", name, suite.TASKS)
     for name in search.tasks:
         if suite.TASKS[name].phantoms:
+            single = [other for other, row in suite.TASKS.items() if not row.phantoms]
             raise ValueError(
                 f"{name} is evaluated on the phantoms that comparisons test with, which must not choose "
-                f"hyperparameters: search on {suite.TASKS[name].single}."
+                f"hyperparameters: search on {suite.TASKS[name].single or ', '.join(single)}."
             )
     seeds = [seed for rung in search.rungs for seed in rung.seeds]
     kept = own_pools().comparison

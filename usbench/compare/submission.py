@@ -5,11 +5,13 @@ list, these actions must give the recorded returns: nobody has to trust a number
 """
 
 import json
+import math
 import shutil
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from usbench import records, seed_pools, suite
@@ -171,15 +173,14 @@ def _of_returns(setting: Setting, evaluations: pd.DataFrame) -> list[str]:
             if key not in seen:
                 seen[key] = _played(env, planned[key[0]], key[1])
             facts = seen[key]
-        except (AssertionError, IndexError, KeyError, TypeError, ValueError) as error:
+            other = [name for name, fact in facts.items() if not _same(fact, row[name], tolerance)]
+        except (AssertionError, IndexError, KeyError, OverflowError, TypeError, ValueError) as error:
             wrong.append(f"episode {row.get('eval_episode')} cannot be played again ({error})")
             continue
-        if abs(facts["return"] - row["return"]) > tolerance or any(
-            facts[name] != row[name] for name in facts if name != "return"
-        ):
+        if other:
             wrong.append(
-                f"evaluation episode {row['eval_episode']} at step {row['checkpoint']} has the return "
-                f"{row['return']:.4f}, its actions give {facts['return']:.4f}"
+                f"evaluation episode {row['eval_episode']} at step {row['checkpoint']} has the "
+                f"{other[0].replace('_', ' ')} {row[other[0]]:.4f}, its actions give {facts[other[0]]:.4f}"
             )
     env.close()
     if not wrong:
@@ -194,16 +195,28 @@ def _played(env: Any, planned: suite.EvaluationEpisode, actions: Sequence[int]) 
         ValueError: If the episode does not end with the last action.
     """
     _, info = env.reset(seed=planned.seed, options=planned.options)
-    total, over = 0.0, False
-    for action in actions:
+    total, over, to_goal = 0.0, False, math.nan
+    for number, action in enumerate(actions, start=1):
         if over:
             raise ValueError("there are actions after its end")
         _, reward, terminated, truncated, info = env.step(action)
         total, over = total + float(reward), terminated or truncated
+        to_goal = float(number) if info["is_success"] and math.isnan(to_goal) else to_goal
     if not over:
         raise ValueError("its actions end before the episode does")
-    poses = {f"final_{name}": int(info[name]) for name in BY_NAME if name in info}
-    return {"return": total, "is_success": bool(info["is_success"]), **poses}
+    return {
+        "return": total,
+        "is_success": bool(info["is_success"]),
+        **{f"final_{name}": int(info[name]) for name in BY_NAME if name in info},
+        "final_distance_mm": float(info["distance_mm"]),
+        "final_sin_angle": float(info["sin_angle"]),
+        "steps_to_goal": to_goal,
+    }
+
+
+def _same(played: float, recorded: float | None, tolerance: float) -> bool:
+    """Return whether a record says what was played; None stands for what never was, as NaN does."""
+    return bool(np.isclose(played, np.nan if recorded is None else recorded, 0, tolerance, equal_nan=True))
 
 
 def _tolerance(setting: Setting) -> float:

@@ -139,7 +139,9 @@ def test(trial: Path, algo: str, score: float) -> dict[str, object]:
             "it is another agent."
         )
     config = loaded.config
-    setting = Setting(task=held_out.MANY[config.task], noise=config.noise, n_frames=config.n_frames)
+    many = held_out.MANY[config.task]
+    senses = Setting.recorded(config).senses
+    setting = Setting(task=many, noise=config.noise, n_frames=config.n_frames, senses=senses)
     evaluator = Evaluator(setting, setting.evaluation_episodes())
     played = evaluator.play(loaded.agent, checkpoint=config.steps, step=config.steps, deterministic=True)
     evaluator.close()

@@ -142,6 +142,8 @@ def _known(folder: Path) -> Known | None:
         config, score = trial.config, _score(trial)
         if config.task not in GUIDED or not records.model_in(folder).is_file():
             return None
+        if ":" in config.algo:  # code from outside, which would run
+            return None
         if config.algo in zoo.ZOO and not zoo.ZOO[config.algo].learns:
             return None
         setting = Setting.recorded(config)

@@ -77,6 +77,8 @@ class Session:
         else:
             self._opened: Opened | None = guide_agents.open_trial(self._given, self.setting)
             self.agent = self._given.name
+        if study is not None and self._opened is None:
+            raise ConfigurationError(self.message)
         self.study = None if study is None else Study(runs, study, self.setting, self.agent)
         self._begin()
 
@@ -296,10 +298,15 @@ class Session:
 
 
 def _changed(setting: Setting, tasks: Collection[str], values: Mapping[str, Any]) -> Setting:
-    """Return `setting` with those of `values` that are not None; the task is one of `tasks`."""
+    """Return `setting` with those of `values` that are not None; the task is one of `tasks`.
+
+    Another task has its own senses and phantoms.
+    """
     given = {name: value for name, value in values.items() if value is not None}
     if "task" in given:
         check_task(given["task"], tasks)
+        if given["task"] != setting.task:
+            given = {"senses": None, "n_phantoms": None, **given}
     return replace(setting, **given)
 
 

@@ -72,9 +72,11 @@ def _empty(folder: Path) -> None:
 
 def trial_folders(runs: Path) -> list[Path]:
     """Return the trial folders in `runs`, which may be one itself; earlier attempts are left out."""
-    candidates = (
-        [runs] if (runs / TRIAL).exists() else sorted(path.parent for path in runs.glob(f"*/{TRIAL}"))
-    )
+    if (runs / TRIAL).exists():
+        # Resolved, so that a trial has its name where it is given as "." too.
+        candidates = [runs.resolve() if runs.name in ("", "..") else runs]
+    else:
+        candidates = sorted(path.parent for path in runs.glob(f"*/{TRIAL}"))
     return [folder for folder in candidates if not _EARLIER.search(folder.name)]
 
 

@@ -31,10 +31,13 @@ STRICT = ConfigDict(
 Count = Annotated[int, Ge(0), Lt(2**53)]
 Means = Mapping[str, float]
 # Of each line of a record file; what reads the records computes with these.
+MEASURED = ("return", "final_distance_mm", "final_sin_angle", "is_success")
 NUMBERS = {
-    EPISODES: ("step", "return"),
-    EVALUATIONS: ("step", "return", "checkpoint", "deterministic", "eval_episode"),
+    EPISODES: ("step", *MEASURED),
+    EVALUATIONS: ("step", *MEASURED, "checkpoint", "deterministic", "eval_episode"),
 }
+# Of each line too, though it need be no number: the goal may not have been reached.
+TO_GOAL = "steps_to_goal"
 # The hyperparameter of this package's value-based agents by which they explore.
 EXPLORATION = "exploration_final_eps"
 # None that leads elsewhere.
@@ -198,6 +201,8 @@ class Trial:
         for key in NUMBERS[name]:
             if key not in rows or not is_numeric_dtype(rows[key]) or rows[key].isna().any():
                 raise ValueError(f"{self.folder / name} is damaged: a line of it has no number {key!r}.")
+        if TO_GOAL not in rows:
+            raise ValueError(f"{self.folder / name} is damaged: no line of it has {TO_GOAL!r}.")
         return rows.assign(normalized_score=self.anchors.score(rows["return"]))
 
 

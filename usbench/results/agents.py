@@ -25,11 +25,20 @@ def named(trials: pd.DataFrame) -> pd.DataFrame:
     """
     names = trials["algo"].copy()
     for (algo, _), own in trials.groupby([trials["algo"], trials["task"].isin(PAPER)]):
-        # Configurations of two cells are never the same; their settings are.
-        kinds = own["settings"] + own["steps"].map(" {}".format)
+        kinds = _kinds(own)
         if (kinds.groupby(own["task"]).nunique() > 1).any():
             names.update(_names(str(algo), own.assign(kind=kinds)))
     return trials.assign(agent=names)
+
+
+def _kinds(own: pd.DataFrame) -> pd.Series:
+    """Return what trials have in common that differ in task, noise and seed alone.
+
+    Configurations of two cells are never the same; their settings are. Of one cell, both should be.
+    """
+    kinds = own["settings"] + own["steps"].map(" {}".format)
+    several = own["configuration"].groupby([own["task"], own["noise"], kinds]).transform("nunique") > 1
+    return kinds.where(~several, kinds + " " + own["configuration"])
 
 
 def _names(algo: str, own: pd.DataFrame) -> pd.Series:

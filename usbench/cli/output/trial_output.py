@@ -190,9 +190,11 @@ def duration(seconds: float) -> str:
 
 def not_learned(config: TrialConfig) -> str:
     """Return what a trial of so few steps did not learn from, in a sentence; "" if it learned from all."""
-    steps, values = config.steps, {**zoo.own_defaults(config.algo), **config.hyperparameters}
-    # The table's rows count the steps of all environments, a class of another module those of each.
-    n_steps = values.get("n_steps", 1) * (1 if config.algo.partition("+")[0] in zoo.ZOO else config.n_envs)
+    steps, own = config.steps, zoo.own_defaults(config.algo)
+    # A class counts the steps of each environment by default; hyperparameters count those of all.
+    own |= {"n_steps": own["n_steps"] * config.n_envs} if "n_steps" in own else {}
+    values = {**own, **config.hyperparameters}
+    n_steps = values.get("n_steps", 1)
     if 0 < steps < n_steps:
         return f"Nothing was learned in {steps} steps: the first update comes after {n_steps} (n_steps)."
     if rest := steps % n_steps:
