@@ -47,9 +47,9 @@ def median(scores: npt.ArrayLike) -> Array:
     return np.asarray(np.median(_matrix(scores).mean(axis=-2), axis=-1))
 
 
-def optimality_gap(scores: npt.ArrayLike, target: float = 1.0) -> Array:
-    """Return by how much the scores miss `target` on average; what lies above it does not make up."""
-    return np.asarray(target - np.minimum(_matrix(scores), target).mean(axis=(-2, -1)))
+def optimality_gap(scores: npt.ArrayLike) -> Array:
+    """Return by how much the scores miss 1, the optimum, on average; what lies above it does not make up."""
+    return np.asarray(1 - np.minimum(_matrix(scores), 1).mean(axis=(-2, -1)))
 
 
 def performance_profile(scores: npt.ArrayLike, thresholds: npt.ArrayLike) -> Array:
