@@ -54,10 +54,12 @@ class Progress(Protocol):
         """The process of a trial died; the trial starts again."""
 
 
-def processes() -> Executor:
-    """Return an executor for one trial at a time in a separate process."""
+def processes(initializer: Callable[[], None] | None = None) -> Executor:
+    """Return an executor for one trial at a time in a separate process, which `initializer` prepares."""
     # Spawned, not forked: a fork would inherit torch's threads and the parent's random states.
-    return ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), initializer=_begin)
+    return ProcessPoolExecutor(
+        1, multiprocessing.get_context("spawn"), initializer=_begin, initargs=(initializer,)
+    )
 
 
 def run(
@@ -180,11 +182,13 @@ def work(config: TrialConfig, out: Path, **options: Any) -> str | None:
     return None
 
 
-def _begin() -> None:
+def _begin(initializer: Callable[[], None] | None) -> None:
     """Prepare a worker process: one thread, Ctrl-C left to the parent, no life after its death."""
     os.environ["USBENCH_THREADS"] = "1"
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_follow_parent, daemon=True).start()
+    if initializer is not None:
+        initializer()
 
 
 def _follow_parent() -> NoReturn:
