@@ -57,16 +57,7 @@ def resolve(
             hyperparameters["buffer_size"] = max(int(hyperparameters["buffer_size"]), met.row.steps)
         seed = check_seed(seed)
         steps = whole_number("steps", met.row.steps if steps is None else steps, low=1)
-        rollout = zoo.rollout_steps(algo, hyperparameters)
-        # Of the row's number, so many that they share the steps and each rollout evenly.
-        n_envs = math.gcd(entry.n_envs, steps, rollout) if n_envs is None else n_envs
-        n_envs = whole_number("n_envs", n_envs, 1, MAX_ENVS)
-        if n_envs > 1 and entry.policy is None:
-            raise ValueError(f"n_envs must be 1 for an agent that is not Stable-Baselines3's, not {n_envs}.")
-        if steps % n_envs:
-            raise ValueError(f"steps must be a multiple of n_envs ({n_envs}), not {steps}.")
-        if rollout % n_envs:
-            raise ValueError(f"n_steps must be a multiple of n_envs ({n_envs}), not {rollout}.")
+        n_envs = _n_envs(n_envs, entry, steps, zoo.rollout_steps(algo, hyperparameters))
     except (ValueError, TypeError) as error:
         raise ConfigurationError(str(error)) from error
     return TrialConfig(
@@ -80,6 +71,20 @@ def resolve(
         environment=met.record(),
         n_envs=n_envs,
     )
+
+
+def _n_envs(asked: int | None, entry: zoo.Entry, steps: int, rollout: int) -> int:
+    """Return how many environments learn in step; ValueError unless they share steps and rollout evenly."""
+    if asked is None:  # of the row's number, so many that they do
+        return math.gcd(entry.n_envs, steps, rollout)
+    n_envs = whole_number("n_envs", asked, 1, MAX_ENVS)
+    if n_envs > 1 and entry.policy is None:
+        raise ValueError(f"n_envs must be 1 for an agent that is not Stable-Baselines3's, not {n_envs}.")
+    if steps % n_envs:
+        raise ValueError(f"steps must be a multiple of n_envs ({n_envs}), not {steps}.")
+    if rollout % n_envs:
+        raise ValueError(f"n_steps must be a multiple of n_envs ({n_envs}), not {rollout}.")
+    return n_envs
 
 
 def _check_stack(setting: Setting) -> None:
