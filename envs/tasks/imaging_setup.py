@@ -17,7 +17,7 @@ from usbench.envs.bmode import Imaging
 from usbench.envs.guidance import GuidanceEnv
 from usbench.envs.phantom import ObjectOfInterest, Phantom
 from usbench.envs.pose import Limits, Move, Pose, cos_deg, sin_deg
-from usbench.envs.settings import Setup
+from usbench.envs.settings import Setup, tuned
 from usbench.envs.task import Action, Task
 from usbench.envs.tasks.image_quality import (
     Mask,
@@ -153,6 +153,22 @@ class ImagingSetupEnv(GuidanceEnv):
     task = IMAGING_SETUP
     default_phantom = PHANTOM
     default_imaging = IMAGING
+
+    def __init__(self, **kwargs: Any) -> None:
+        """Check the configuration, and that the probe can be set to the frequencies of the task.
+
+        Raises:
+            TypeError: If an argument has the wrong type.
+            ValueError: If a value is not allowed, or the probe cannot be set to a frequency of the task.
+        """
+        super().__init__(**kwargs)
+        for frequency_khz in self.task.limits.frequency_khz:
+            try:
+                tuned(Setup(frequency_khz=frequency_khz), self.probe, self.imaging)
+            except ValueError as error:
+                raise ValueError(
+                    f"the task {self.task.name!r} sets the probe to {frequency_khz / 1e3:g} MHz: {error}"
+                ) from error
 
     def _quality(self, pose: Pose) -> float:
         return contrast_to_noise(self._frame(pose), *self._regions(pose))

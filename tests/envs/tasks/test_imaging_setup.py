@@ -12,6 +12,7 @@ from usbench.envs.bmode import Imaging
 from usbench.envs.oracle import policy, returns
 from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Limits, Move, Pose
+from usbench.envs.probe import LinearArray
 from usbench.envs.settings import Setup
 from usbench.envs.tasks.image_quality import (
     contrast_order,
@@ -29,7 +30,7 @@ from usbench.envs.tasks.imaging_setup import (
     regions,
 )
 from usbench.records import ConfigurationError, Episode
-from usbench.setting import Setting
+from usbench.setting import Setting, make_env
 from usbench.trials import runner
 from usbench.trials.configuration import resolve
 from usbench.trials.recorder import Recorder
@@ -261,6 +262,27 @@ def test_the_anchors_of_another_phantom_are_its_own(monkeypatch):
     usual, other = ImagingSetupEnv(), ImagingSetupEnv(phantom=Phantom(seed=7))
     found = [returns("setup", rewards=env.state_rewards()) for env in (usual, other)]
     assert found[0] != found[1]
+
+
+@pytest.mark.parametrize(
+    ("probe", "said"),
+    [
+        (
+            LinearArray(center_frequency=3e6, sampling_frequency=25e6),
+            "the task 'setup' sets the probe to 5 MHz: sampling_frequency must be at least 7 times "
+            "center_frequency (3.5e+07 Hz), not 2.5e+07.",
+        ),
+        (
+            LinearArray(element_width=6e-6, kerf=0.0),
+            "the task 'setup' sets the probe to 2 MHz: element_width + kerf must be between a hundredth of a "
+            "wavelength and ten ([7.7e-6, 0.0077] m at 2e6 Hz), not 6e-6.",
+        ),
+    ],
+)
+def test_a_probe_that_the_task_cannot_set_to_all_its_frequencies_is_refused(probe, said):
+    with pytest.raises(ConfigurationError) as refused:
+        make_env("setup", probe=probe)
+    assert str(refused.value) == said
 
 
 def test_both_versions_are_the_same_task_with_another_receiver():
