@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Iterable
 from typing import Any, ClassVar, NamedTuple, TypeVar
 
@@ -209,7 +210,7 @@ class GuidanceEnv(gym.Env[Observation, int]):
     def _fitting(self, tissue: Tissue) -> Tissue:
         """Return the tissue if this task can be done in it."""
         if not isinstance(tissue, Tissue) or isinstance(tissue, type):
-            raise TypeError(f"phantom must be of type Phantom or Anatomy, not {tissue!r}.")
+            raise TypeError(f"phantom must be of type Phantom or Anatomy, not {reprlib.repr(tissue)}.")
         if tissue.object_of_interest is None and self.task.reward_from_frames:
             raise ValueError(
                 f"the task {self.task.name!r} takes no custom anatomy: its reward needs an object whose "
@@ -299,7 +300,7 @@ def _instance(name: str, value: T | None, default: T) -> T:
     if value is None:
         return default
     if not isinstance(value, type(default)):
-        raise TypeError(f"{name} must be of type {type(default).__name__}, not {value!r}.")
+        raise TypeError(f"{name} must be of type {type(default).__name__}, not {reprlib.repr(value)}.")
     return value
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import reprlib
 import warnings
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
@@ -53,7 +54,7 @@ class Setting:
         n_frames: Frames in one observation.
         reward: What the agent is trained on; scores are always those of the true reward.
         anatomy: A custom anatomy in place of the task's phantom; None for the task's own.
-        probe: The transducer.
+        probe: The transducer; None becomes the default one.
         imaging: How RF becomes a frame; None for the task's own, which the attribute then is.
         senses: What the agent is told beside the frames, any of those that the task has; None, the default,
             becomes the task's own.
@@ -76,7 +77,7 @@ class Setting:
     def __post_init__(self) -> None:
         """Hold the values in their own types, or refuse them."""
         try:
-            if self.task not in suite.TASKS:
+            if not isinstance(self.task, str) or self.task not in suite.TASKS:
                 raise unknown("task", self.task, suite.TASKS)
             object.__setattr__(self, "noise", probability("noise", self.noise))
             object.__setattr__(self, "n_frames", whole_number("n_frames", self.n_frames, 1, MAX_FRAMES))
@@ -89,6 +90,7 @@ class Setting:
                     f"n_phantoms is for tasks that draw phantoms ({drawing}), not for {self.task!r}."
                 )
             plain = self.plain_env()
+            object.__setattr__(self, "probe", plain.probe)
             object.__setattr__(self, "imaging", plain.imaging)
             object.__setattr__(self, "senses", plain.senses.names)
         except (TypeError, ValueError) as error:
@@ -160,7 +162,9 @@ class Setting:
 
     def make_env(self, *, render_mode: str | None = None) -> gym.Env[Any, Any]:
         """Make the environment that every algorithm sees, with stacked frames and normalised pixels."""
-        return NormalizeImage(ImageStack(self._registered(render_mode), self.n_frames))
+        with of_any_version():
+            env = gym.make(self.row.env_id, render_mode=render_mode, **self._arguments())
+        return NormalizeImage(ImageStack(env, self.n_frames))
 
     def make_vec_env(
         self,
@@ -193,11 +197,7 @@ class Setting:
 
     def plain_env(self) -> Any:
         """Make the environment itself, without a limit of its steps and without wrappers."""
-        return self._registered().unwrapped
-
-    def _registered(self, render_mode: str | None = None) -> gym.Env[Any, Any]:
-        with of_any_version():
-            return gym.make(self.row.env_id, render_mode=render_mode, **self._arguments())
+        return load_env_creator(self.row.entry_point)(**self._arguments())
 
     def _arguments(self) -> dict[str, Any]:
         """Return what the environment's class is called with."""
@@ -319,8 +319,15 @@ class Setting:
                 f"draws the set {self.plain_env().phantoms.digest!r}."
             )
 
-    def _check_anatomy(self, anatomy: Anatomy) -> None:
-        """Raise ValueError if the task draws its phantoms, or none of its poses is the anatomy's goal."""
+    def _check_anatomy(self, anatomy: object) -> None:
+        """Raise an error if it is no anatomy, the task draws its phantoms, or no pose of it is the goal.
+
+        Raises:
+            TypeError: If it is no anatomy.
+            ValueError: If the task takes none, or not this one.
+        """
+        if not isinstance(anatomy, Anatomy):
+            raise TypeError(f"anatomy must be of type Anatomy, not {reprlib.repr(anatomy)}.")
         if self.row.phantoms:
             allowed = [
                 name

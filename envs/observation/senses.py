@@ -6,6 +6,7 @@ did last. None of the senses tells anything about the object: truth about it is 
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -85,11 +86,13 @@ def checked(names: Iterable[str], task: Task) -> Senses:
     """Return the senses called `names`.
 
     Raises:
-        TypeError: If `names` is one string.
+        TypeError: If `names` is one string, or no sequence.
         ValueError: If a sense is unknown, or the task does not have it.
     """
     if isinstance(names, str):
         raise TypeError(f"senses must be a sequence of names, as ({names!r},), not one string.")
+    if not isinstance(names, Iterable):
+        raise TypeError(f"senses must be a sequence of names, not {reprlib.repr(names)}.")
     asked, has = tuple(names), available(task)
     for name in asked:
         if name not in NAMES:

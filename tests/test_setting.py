@@ -1,0 +1,41 @@
+"""A setting of values of the wrong types: refused in one short sentence, whichever way it is made."""
+
+import re
+
+import pytest
+
+from usbench.envs.bmode import Imaging
+from usbench.envs.phantom import Phantom
+from usbench.envs.probe import DEFAULT_ARRAY
+from usbench.records import ConfigurationError
+from usbench.setting import Setting, make_env, make_vec_env
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"task": ["pp"]}, r"unknown task \['pp'\] \(did you mean 'pp'\?\): allowed are .*"),
+        ({"imaging": {"height_px": 80}}, r"imaging must be of type Imaging, not {'height_px': 80}\."),
+        ({"probe": "l7-4"}, r"probe must be of type LinearArray, not 'l7-4'\."),
+        ({"probe": Imaging()}, r"probe must be of type LinearArray, not Imaging.*"),
+        ({"senses": 5}, r"senses must be a sequence of names, not 5\."),
+        ({"senses": "heading"}, r"senses must be a sequence of names, as \('heading',\), not one string\."),
+        ({"anatomy": "spine.nii"}, r"anatomy must be of type Anatomy, not 'spine.nii'\."),
+        (
+            {"anatomy": "spine.nii", "task": "pp-random"},
+            r"anatomy must be of type Anatomy, not 'spine.nii'\.",
+        ),
+        ({"anatomy": Phantom(seed=3)}, r"anatomy must be of type Anatomy, not Phantom.*"),
+    ],
+)
+@pytest.mark.parametrize("make", [Setting, make_env, lambda **values: make_vec_env(num_envs=1, **values)])
+def test_a_value_of_another_type_is_refused_in_one_short_sentence(make, values, said):
+    with pytest.raises(ConfigurationError) as refused:
+        make(**{"task": "pp", **values})
+    assert re.fullmatch(said, str(refused.value)) and len(str(refused.value)) < 200
+
+
+def test_no_probe_becomes_the_default_one():
+    setting = Setting(task="pp", probe=None)
+    assert setting == Setting(task="pp") and setting.probe == DEFAULT_ARRAY
+    assert setting.record() == Setting(task="pp").record()
