@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zipfile
+import zlib
 from collections.abc import Collection
 from pathlib import Path
 
@@ -16,6 +17,8 @@ SUFFIXES = (".csv", ".npz")
 NAMES = ("x", "y", "z", "amplitude")
 NAMES_MM = ("x_mm", "y_mm", "z_mm", "amplitude")
 _HEAD = 1 << 16
+# What reading a damaged archive raises, or one that is encrypted or packed in an unknown way (RuntimeError).
+_DAMAGED = (zipfile.BadZipFile, EOFError, KeyError, RuntimeError, TypeError, zlib.error)
 
 
 def count(path: Path) -> int:
@@ -88,7 +91,7 @@ def _npz(path: Path) -> dict[str, npt.NDArray[np.float64]]:
     try:
         with np.load(path, allow_pickle=False) as arrays:
             found = {name: real(name, arrays[name]) for name in _chosen(arrays.files)}
-    except (zipfile.BadZipFile, EOFError, TypeError) as error:
+    except _DAMAGED as error:
         raise ValueError(f"it is no file of arrays ({error}).") from error
     shapes = {array.shape for array in found.values()}
     if len(shapes) > 1 or len(next(iter(shapes))) != 1:
@@ -120,6 +123,6 @@ def _count_npz(path: Path) -> int:
                     (2, 0): np.lib.format.read_array_header_2_0,
                 }[version]
                 shape: tuple[int, ...] = header(file)[0]
-    except (zipfile.BadZipFile, KeyError) as error:
+    except _DAMAGED as error:
         raise ValueError(f"it is no file of arrays ({error}).") from error
     return int(np.prod(shape))

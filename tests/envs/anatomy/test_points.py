@@ -19,6 +19,7 @@ from usbench import (
     simulated_bmode,
 )
 from usbench.checks import ConfigurationError
+from usbench.envs.anatomy import point_file
 
 NARROW = LinearArray(n_elements=96, n_active=24, n_lines=33, line_spacing=0.3e-3)
 FINE = Imaging(height_px=200, width_px=50, pixel_size=0.2e-3, median_size=1)
@@ -132,6 +133,42 @@ def test_noise_is_no_file(name, tmp_path):
     (tmp_path / name).write_bytes(bytes(range(128, 256)) * 9)
     with pytest.raises(ConfigurationError, match="it is no (file of arrays|table of numbers)"):
         read_points(tmp_path / name)
+
+
+def overwritten(name):
+    """Return what overwrites the beginning of a packed array with ones."""
+
+    def damage(data):
+        start = data.index(name.encode()) + 50
+        return data[:start] + b"\xff" * 100 + data[start + 100 :]
+
+    return damage
+
+
+# Version, flags and packing, as both headers of every array in the archive have them.
+HEADER = bytes([45, 0, 0, 0, 8, 0])
+
+
+@pytest.mark.parametrize(
+    ("damage", "said"),
+    [
+        (overwritten("x.npy"), "Error -3 while decompressing data"),
+        (overwritten("amplitude.npy"), "Error -3 while decompressing data"),
+        (lambda data: data.replace(HEADER, bytes([45, 0, 1, 0, 8, 0])), "is encrypted"),
+        (
+            lambda data: data.replace(HEADER, bytes([45, 0, 0, 0, 99, 0])),
+            "compression method is not supported",
+        ),
+    ],
+)
+@pytest.mark.parametrize("read", [read_points, point_file.read])
+def test_an_archive_that_cannot_be_unpacked_is_refused(damage, said, read, tmp_path):
+    values = np.random.default_rng(0).uniform(0.01, 0.02, (4, 100))
+    path = tmp_path / "points.npz"
+    np.savez_compressed(path, **dict(zip(("x", "y", "z", "amplitude"), values, strict=True)))
+    path.write_bytes(damage(path.read_bytes()))
+    with pytest.raises(ValueError, match=f"it is no file of arrays .*{said}"):
+        read(path)
 
 
 def test_other_files_and_missing_ones(tmp_path):
