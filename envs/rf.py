@@ -19,7 +19,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import fft
 
-from usbench.checks import METRES, meant
+from usbench.checks import METRES, meant, non_negative, number
+from usbench.envs.arrays import real
 from usbench.envs.field.direct import add_echoes
 from usbench.envs.field.elevation import ElevationTaps, elevation_taps
 from usbench.envs.field.response_table import BLOCK, ResponseTable, response_table
@@ -59,8 +60,9 @@ def simulate_rf(
         `array.rf_sampling_frequency`. The pulse is causal: an echo starts at 2 r / c.
 
     Raises:
-        ValueError: If shapes are wrong, values are not finite, a scatterer or the focus is not below the
-            surface, or the attenuation is negative.
+        TypeError: If the focal depth or the attenuation is no number.
+        ValueError: If shapes are wrong, values are not finite real numbers, a scatterer or the focus is not
+            below the surface, or the attenuation is negative.
     """
     iq, iq_time = simulate_iq(
         positions,
@@ -146,11 +148,8 @@ def simulate_iq(
 
 
 def _nepers_per_m_hz(attenuation_db_per_cm_mhz: float) -> float:
-    """Return the attenuation in Np / (m Hz), or raise ValueError if it is not a number from 0."""
-    if not 0 <= attenuation_db_per_cm_mhz < math.inf:  # also false for nan
-        raise ValueError(
-            f"attenuation_db_per_cm_mhz must be a non-negative number, not {attenuation_db_per_cm_mhz!r}."
-        )
+    """Return the attenuation in Np / (m Hz); errors are those of `non_negative`."""
+    non_negative("attenuation_db_per_cm_mhz", attenuation_db_per_cm_mhz)
     return attenuation_db_per_cm_mhz * math.log(10) / 20 * 100 / 1e6
 
 
@@ -161,10 +160,9 @@ def _checked(
     focal_depth: float,
     line_positions: npt.ArrayLike | None,
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Return points (n, 3), amplitudes (n,) and lines (n_lines,), or raise ValueError."""
-    points = np.asarray(positions, dtype=np.float64)
-    weights = np.asarray(amplitudes, dtype=np.float64)
-    lines = np.asarray(array.line_positions if line_positions is None else line_positions, dtype=np.float64)
+    """Return points (n, 3), amplitudes (n,) and lines (n_lines,), or raise TypeError or ValueError."""
+    points, weights = real("positions", positions), real("amplitudes", amplitudes)
+    lines = real("line_positions", array.line_positions if line_positions is None else line_positions)
     points = points.reshape(0, 3) if points.size == 0 else points
     if points.ndim != 2 or points.shape[1] != 3:
         raise ValueError(f"positions must have shape (n, 3), not {points.shape}.")
@@ -175,9 +173,7 @@ def _checked(
     for name, values in (("positions", points), ("amplitudes", weights), ("line_positions", lines)):
         if not np.isfinite(values).all():
             raise ValueError(f"{name} must be finite, without NaN.")
-    if not 0 < focal_depth <= _MAX_DISTANCE:
-        hint = meant(focal_depth, 1e-3, _MAX_DISTANCE, METRES)
-        raise ValueError(f"focal_depth must be in (0, {_MAX_DISTANCE}] m, not {focal_depth!r}{hint or '.'}")
+    _check_focal_depth(focal_depth)
     if len(points) and points[:, 2].min() <= 0:
         raise ValueError(
             f"scatterers must lie below the surface (z > 0), not at z = {points[:, 2].min():g} m."
@@ -187,6 +183,16 @@ def _checked(
             hint = meant(farthest, 1e-3, _MAX_DISTANCE, METRES)
             raise ValueError(f"{name} must be within {_MAX_DISTANCE} m, not {farthest:g} m{hint or '.'}")
     return points, weights, lines
+
+
+def _check_focal_depth(focal_depth: float) -> None:
+    """Raise TypeError if the focal depth is no number, and ValueError if it is not one from 0 to 0.5 m."""
+    try:
+        number("focal_depth", focal_depth, low=0.0, high=_MAX_DISTANCE, above=True)
+    except ValueError:
+        hint = meant(focal_depth, 1e-3, _MAX_DISTANCE, METRES)
+        allowed = f"in (0, {_MAX_DISTANCE}] m"
+        raise ValueError(f"focal_depth must be {allowed}, not {focal_depth!r}{hint or '.'}") from None
 
 
 def _sum(

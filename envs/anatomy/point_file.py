@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from usbench.checks import unknown
+from usbench.envs.arrays import real
 
 SUFFIXES = (".csv", ".npz")
 # What the columns are called in m, and in mm.
@@ -97,18 +98,6 @@ def _npz(path: Path) -> dict[str, npt.NDArray[np.float64]]:
     if len(shapes) > 1 or len(next(iter(shapes))) != 1:
         raise ValueError(f"its arrays must have one shape (n,), not {', '.join(map(str, sorted(shapes)))}.")
     return found
-
-
-def real(name: str, values: npt.ArrayLike) -> npt.NDArray[np.float64]:
-    """Return a new array of `values`.
-
-    Raises:
-        ValueError: If they are not real numbers: complex ones would lose a part, and texts are none.
-    """
-    array = np.asarray(values)
-    if array.dtype.kind not in "biuf":
-        raise ValueError(f"{name} must be real numbers, not {array.dtype}.")
-    return array.astype(np.float64)
 
 
 def _count_npz(path: Path) -> int:

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from usbench.checks import ConfigurationError, non_negative
 from usbench.envs.anatomy import point_file
+from usbench.envs.arrays import real
 from usbench.envs.pose import Pose
 
 Array = npt.NDArray[np.float64]
@@ -52,8 +53,8 @@ class PointScatterers:
             ValueError: If shapes do not fit, there is no scatterer, a value is not a finite real number, or a
                 scatterer does not lie below the surface and within 0.5 m.
         """
-        self.positions = point_file.real("positions", positions)
-        self.amplitudes = point_file.real("amplitudes", amplitudes)
+        self.positions = real("positions", positions)
+        self.amplitudes = real("amplitudes", amplitudes)
         self.attenuation_db_per_cm_mhz = non_negative("attenuation_db_per_cm_mhz", attenuation_db_per_cm_mhz)
         self.label = label
         if self.positions.ndim != 2 or self.positions.shape[1] != 3 or not len(self.positions):

@@ -1,6 +1,7 @@
 """RF of input at its borders, and of bad input."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -75,3 +76,21 @@ def test_refuses_values_that_are_not_finite(value):
 def test_refuses_shapes_and_units(positions, amplitudes, lines, words):
     with pytest.raises(ValueError, match=words):
         simulate_rf(positions, amplitudes, ARRAY, 50e-3, lines)
+
+
+@pytest.mark.parametrize(("position", "kind"), [(0, "positions"), (1, "amplitudes"), (4, "line_positions")])
+@pytest.mark.parametrize("change, dtype", [(complex, "complex128"), (str, "<U32"), (object, "object")])
+def test_refuses_arrays_of_other_things_than_real_numbers(position, kind, change, dtype):
+    arguments = [[(0.0, 0.0, 50e-3)], [1.0], ARRAY, 50e-3, [0.0]]
+    arguments[position] = np.array(arguments[position]).astype(change)
+    with pytest.raises(ValueError, match=f"^{kind} must be real numbers, not {dtype}.$"):
+        simulate_rf(*arguments)
+
+
+@pytest.mark.parametrize("value", ["0.03", None, True, 0.03j])
+def test_refuses_scalars_that_are_no_numbers(value):
+    with pytest.raises(TypeError, match=rf"^focal_depth must be a number in \(0, 0.5\], not {value!r}\.$"):
+        simulate_rf([(0, 0, 50e-3)], [1.0], ARRAY, value)
+    said = f"attenuation_db_per_cm_mhz must be a non-negative number, not {value!r}."
+    with pytest.raises(TypeError, match=f"^{re.escape(said)}$"):
+        simulate_rf([(0, 0, 50e-3)], [1.0], ARRAY, 50e-3, attenuation_db_per_cm_mhz=value)
