@@ -15,13 +15,16 @@ from usbench.checks import METRES, non_negative, number, positive, quantity, who
 from usbench.envs.probe import LinearArray
 from usbench.envs.receiver import gain
 
+# The widest dynamic range, more than any receiver has: far beyond it, envelopes have no such numbers.
+MOST_DB = 200
+
 
 @dataclass(frozen=True)
 class Imaging:
     """How echoes are received and become an image.
 
     Attributes:
-        dynamic_range_db: Shown below the frame's maximum; everything weaker is black.
+        dynamic_range_db: Shown below the frame's maximum, at most 200; everything weaker is black.
         height_px: Rows; the first begins at depth 0.
         width_px: Columns, centred on the probe.
         pixel_size: Edge of a pixel, m.
@@ -42,7 +45,8 @@ class Imaging:
 
     def __post_init__(self) -> None:
         """Refuse values that make no image."""
-        object.__setattr__(self, "dynamic_range_db", positive("dynamic_range_db", self.dynamic_range_db))
+        range_db = number("dynamic_range_db", self.dynamic_range_db, low=0, high=MOST_DB, above=True)
+        object.__setattr__(self, "dynamic_range_db", range_db)
         positive("pixel_size", self.pixel_size)
         object.__setattr__(self, "pixel_size", quantity("pixel_size", self.pixel_size, 1e-6, 20e-3, METRES))
         for name in ("height_px", "width_px", "median_size"):

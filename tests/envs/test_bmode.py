@@ -139,6 +139,12 @@ def test_silence_is_black_without_a_warning():
         assert image.dtype == np.uint8 and not image.any()
 
 
+def test_the_widest_dynamic_range_shows_what_is_as_weak():
+    widest = Imaging(dynamic_range_db=200).dynamic_range_db
+    decibels = log_compress(np.array([[1.0], [1e-5], [1e-10]], np.float32), widest)
+    assert decibels.ravel() == pytest.approx([200, 100, 0], abs=1e-3)
+
+
 @pytest.mark.parametrize("factor", [1e-30, 1e12])
 def test_units_of_the_signal_do_not_matter(factor):
     rf, _, _ = burst()
@@ -230,6 +236,13 @@ def test_refuses_a_time_zero(value):
 def test_refuses_imaging(name, value):
     with pytest.raises((TypeError, ValueError), match=rf"^{name} must be .*, not {value!r}\.$"):
         Imaging(**{name: value})
+
+
+@pytest.mark.parametrize("value", [200.5, 900, 1000])
+def test_refuses_a_dynamic_range_of_which_there_are_no_numbers(value):
+    said = f"dynamic_range_db must be a number in (0, 200], not {value}."
+    with pytest.raises(ValueError, match=f"^{re.escape(said)}$"):
+        Imaging(dynamic_range_db=value)
 
 
 @pytest.mark.parametrize("name", ["height_px", "width_px", "median_size"])

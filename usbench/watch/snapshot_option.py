@@ -10,7 +10,7 @@ from gymnasium.envs.registration import load_env_creator
 from usbench import setting_files
 from usbench.checks import number, whole_number
 from usbench.envs.anatomy.points import PointScatterers
-from usbench.envs.bmode import DEFAULT_IMAGING, Imaging
+from usbench.envs.bmode import DEFAULT_IMAGING, MOST_DB, Imaging
 from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Pose
 from usbench.envs.probe import DEFAULT_ARRAY, LinearArray
@@ -24,7 +24,7 @@ from usbench.tasks import PAPER, row_of, rows
 DEEPEST_MM = 500
 # As scanners have with such an array; its pulses are sampled finely enough for it.
 FREQUENCY_MHZ = (1.0, 10.0)
-RANGE_DB = (1, 200)
+RANGE_DB = (1, MOST_DB)
 PIXEL_MM = (0.01, 10.0)
 # Of a file of scatterers: half a wavelength at 3.8 MHz, and no filter that removes a point.
 POINT_PIXEL_MM = 0.2
