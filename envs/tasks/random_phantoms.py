@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import json
+import reprlib
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from typing import Any, ClassVar
 
 import numpy as np
 
-from usbench.checks import whole_number
+from usbench.checks import positive, whole_number
 from usbench.envs.field.response_table import keep_tables
 from usbench.envs.frames import keep_stores
 from usbench.envs.guidance import GuidanceEnv
@@ -38,17 +40,19 @@ class PhantomDistribution:
     """Where the object lies and how it looks: each value drawn evenly, contrast evenly in its logarithm.
 
     Attributes:
-        x_mm: Lateral positions.
-        depth_mm: Depths of the body's centre.
-        angle_deg: Rotations of the object's plane.
+        x_mm: Lateral positions, whole mm.
+        depth_mm: Depths of the body's centre, whole mm.
+        angle_deg: Rotations of the object's plane, whole degrees.
         scale: Least and largest size relative to the paper's object.
         contrast: Least and largest standard deviation of the object's amplitudes relative to the tissue's.
         count: How many phantoms there are in training, those with the numbers 0 to count - 1; None for all
             below 2**31. Those of the evaluation are never among them.
 
     Raises:
-        TypeError: If `count` is not a number.
-        ValueError: If `count` is less than 1, or larger than the numbers there are.
+        TypeError: If a value is no sequence, or one in it or `count` is not a number.
+        ValueError: If there is no position, depth or angle, or one is not whole, `scale` or `contrast` are
+            not two positive numbers, the least first, or `count` is less than 1 or larger than the numbers
+            there are.
     """
 
     x_mm: tuple[int, ...]
@@ -59,7 +63,11 @@ class PhantomDistribution:
     count: int | None = None
 
     def __post_init__(self) -> None:
-        """Hold the count as a whole number, or refuse it."""
+        """Hold the values as tuples of plain numbers and the count as a whole number, or refuse them."""
+        for name in ("x_mm", "depth_mm", "angle_deg"):
+            object.__setattr__(self, name, _places(name, getattr(self, name)))
+        for name in ("scale", "contrast"):
+            object.__setattr__(self, name, _span(name, getattr(self, name)))
         if self.count is not None:
             object.__setattr__(self, "count", whole_number("n_phantoms", self.count, 1, FIRST_HELD_OUT))
 
@@ -90,6 +98,28 @@ class PhantomDistribution:
             seed=seed,
             object_of_interest=ObjectOfInterest(x_mm, depth_mm, angle_deg, scale=scale, contrast=contrast),
         )
+
+
+def _places(name: str, values: Any) -> tuple[int, ...]:
+    """Return `values` as whole numbers, one at least, or raise TypeError or ValueError."""
+    found = tuple(whole_number(name, value) for value in _sequence(name, values))
+    if not found:
+        raise ValueError(f"{name} must be at least one whole number, not {reprlib.repr(values)}.")
+    return found
+
+
+def _span(name: str, values: Any) -> tuple[float, float]:
+    """Return `values` as least and largest positive number, or raise TypeError or ValueError."""
+    found = tuple(positive(name, value) for value in _sequence(name, values))
+    if len(found) != 2 or found[0] > found[1]:
+        raise ValueError(f"{name} must be two numbers, the least first, not {reprlib.repr(values)}.")
+    return found
+
+
+def _sequence(name: str, values: Any) -> Iterable[Any]:
+    if isinstance(values, str) or not isinstance(values, Iterable):
+        raise TypeError(f"{name} must be a sequence of numbers, not {reprlib.repr(values)}.")
+    return values
 
 
 @cache

@@ -1,6 +1,7 @@
 """Phantoms that differ from episode to episode: what they are, and that they are what an episode shows."""
 
 import pickle
+from dataclasses import replace
 
 import gymnasium as gym
 import numpy as np
@@ -156,3 +157,36 @@ def test_a_task_that_refocuses_keeps_the_tables_of_all_its_depths(monkeypatch):
     for env_class in (ProbePlaneRandomEnv, FocalPointRandomEnv):
         env_class()
     assert asked == [1, 18]
+
+
+@pytest.mark.parametrize(
+    ("values", "error", "said"),
+    [
+        ({"x_mm": ()}, ValueError, "x_mm must be at least one whole number, not ()."),
+        ({"depth_mm": [50, 50.5]}, ValueError, "depth_mm must be a whole number, not 50.5."),
+        ({"angle_deg": 30}, TypeError, "angle_deg must be a sequence of numbers, not 30."),
+        ({"angle_deg": ("30",)}, TypeError, "angle_deg must be a whole number, not '30'."),
+        ({"x_mm": "05"}, TypeError, "x_mm must be a sequence of numbers, not '05'."),
+        ({"contrast": (0, 20)}, ValueError, "contrast must be a positive number, not 0."),
+        ({"contrast": 5.0}, TypeError, "contrast must be a sequence of numbers, not 5.0."),
+        ({"scale": (1.1, 0.7)}, ValueError, "scale must be two numbers, the least first, not (1.1, 0.7)."),
+        ({"scale": (0.7,)}, ValueError, "scale must be two numbers, the least first, not (0.7,)."),
+        ({"scale": (0.7, np.inf)}, ValueError, "scale must be a positive number, not inf."),
+    ],
+)
+def test_distributions_from_which_nothing_can_be_drawn_are_refused(values, error, said):
+    with pytest.raises(error) as refused:
+        PhantomDistribution(**{"x_mm": (0,), "depth_mm": (50,), "angle_deg": (0,), **values})
+    assert str(refused.value) == said
+
+
+def test_a_distribution_holds_plain_numbers_in_tuples():
+    plain = PhantomDistribution((0, 5), (50,), (0, 90), (1.0, 1.0), (5.0, 10.0), count=3)
+    same = PhantomDistribution([0, 5.0], np.array([50]), range(0, 91, 90), [1, 1], np.array([5, 10]), count=3)
+    assert same == plain and hash(same) == hash(plain) and same.digest == plain.digest
+
+
+def test_the_digests_of_the_tasks_sets_stay():
+    # Trials record them.
+    digests = [replace(env_class.distribution, count=20).digest for env_class in ENVS]
+    assert digests == ["1c2333cb6f0fc952", "665359f3daaddf4d"]
