@@ -83,6 +83,15 @@ def test_numbers_and_figure(taken, tmp_path, kind):
     assert len(np.unique(imread(tmp_path / "a.png"))) > 20
 
 
+@pytest.mark.parametrize("suffix", [".npz", ".uff"])
+def test_a_frame_of_one_row_is_written(tmp_path, suffix):
+    taken = snapshot.take(Source(imaging=Imaging(height_px=1)), OFF_GRID)
+    snapshot_files.write(taken, tmp_path / f"a{suffix}")
+    assert (tmp_path / f"a{suffix}").stat().st_size > 0
+    # As in a frame of more rows, whose pixels are as high.
+    assert taken.sampling_frequency == pytest.approx(1540 / 2 / 1e-3)
+
+
 def test_figure_is_to_scale_and_names_units(taken):
     axes = snapshot_figure.figure(taken["frame"]).axes[0]
     assert (axes.get_xlim(), axes.get_ylim()) == ((-20.0, 20.0), (90.0, 0.0))

@@ -61,7 +61,8 @@ class Snapshot:
     @property
     def sampling_frequency(self) -> float:
         """Samples of a line per second, Hz; of a frame those that its pixels stand for."""
-        return self.source.probe.speed_of_sound / (2 * float(self.z[1] - self.z[0]))
+        first, last = self.rows
+        return self.source.probe.speed_of_sound * len(self.values) / (2e-3 * (last - first))
 
     @property
     def half_width(self) -> float:
