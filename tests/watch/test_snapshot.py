@@ -193,6 +193,15 @@ def test_command_takes_a_tasks_phantom_and_settings(tmp_path, monkeypatch, capsy
     assert capsys.readouterr().out.splitlines()[-1].startswith(f"{name}: frame, ")
 
 
+def test_a_dynamic_range_alone_leaves_the_frequency_of_the_probe(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "probe.toml").write_text("center_frequency = 5.2083e6")
+    argv = ["frame", "--probe", "probe.toml", "--out", "a.npy", "--dynamic-range", "40"]
+    assert cli.main(argv) == 0
+    probe, imaging = LinearArray(center_frequency=5.2083e6), Imaging(dynamic_range_db=40)
+    np.testing.assert_array_equal(np.load("a.npy"), scan(Phantom(), Pose(), probe, imaging))
+
+
 @pytest.mark.parametrize(
     ("argv", "said"),
     [

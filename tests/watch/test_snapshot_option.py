@@ -1,8 +1,11 @@
 """What a picture is taken of: poses, settings and phantoms that can be, and refusals of others."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from usbench.envs.anatomy import Recording
 from usbench.envs.anatomy.points import PointScatterers
 from usbench.envs.bmode import Imaging
 from usbench.envs.phantom import Phantom
@@ -16,30 +19,42 @@ from usbench.watch import snapshot_option
 from usbench.watch.snapshot_option import Source, imaging_of
 
 
-def test_pose_without_settings_is_plain_and_one_setting_brings_the_default_of_the_other():
-    assert snapshot_option.pose(Source(), 1, 37, -30) == Pose(1, 37, 330)
-    assert snapshot_option.pose(Source(), 0, 50, 0, frequency_mhz=2.5) == Setup(
+def pose(source, *values, **settings):
+    return snapshot_option.placed(source, *values, **settings)[1]
+
+
+def test_a_pose_without_settings_is_plain_and_a_frequency_brings_the_dynamic_range():
+    assert snapshot_option.placed(Source(), 1, 37, -30) == (Source(), Pose(1, 37, 330))
+    assert pose(Source(), 0, 50, 0, frequency_mhz=2.5) == Setup(
         0, 50, 0, frequency_khz=2_500, dynamic_range_db=60
     )
-    assert snapshot_option.pose(Source(), 0, 50, 0, dynamic_range_db=40) == Setup(
-        0, 50, 0, frequency_khz=3_500, dynamic_range_db=40
-    )
-
-
-def test_the_setting_that_is_not_given_is_that_of_probe_and_imaging():
     source = Source(probe=LinearArray(center_frequency=5e6), imaging=Imaging(dynamic_range_db=50))
-    assert snapshot_option.pose(source, 0, 50, 0, frequency_mhz=4) == Setup(
-        0, 50, 0, frequency_khz=4_000, dynamic_range_db=50
+    assert snapshot_option.placed(source, 0, 50, 0, frequency_mhz=4) == (
+        source,
+        Setup(0, 50, 0, frequency_khz=4_000, dynamic_range_db=50),
     )
-    assert snapshot_option.pose(source, 0, 50, 0, dynamic_range_db=40) == Setup(
-        0, 50, 0, frequency_khz=5_000, dynamic_range_db=40
+
+
+def test_a_dynamic_range_alone_is_that_of_the_imaging():
+    source = Source(probe=LinearArray(center_frequency=5.2083e6), imaging=Imaging(median_size=3))
+    imaging = Imaging(median_size=3, dynamic_range_db=40)
+    assert snapshot_option.placed(source, 0, 50, 0, dynamic_range_db=40) == (
+        replace(source, imaging=imaging),
+        Pose(0, 50, 0),
     )
+
+
+@pytest.mark.parametrize("settings", [{"frequency_mhz": 3}, {"dynamic_range_db": 40}])
+def test_settings_of_a_recorded_image_are_refused(settings):
+    recorded = Recording(path="a.nii", digest="0")
+    with pytest.raises(ConfigurationError, match="^a recorded image has no settings of a scanner: leave"):
+        pose(Source(recorded), 0, 50, 0, **settings)
 
 
 def test_a_frequency_that_the_probe_does_not_sample_is_refused():
     source = Source(probe=LinearArray(sampling_frequency=30e6))
     with pytest.raises(ConfigurationError, match="sampling_frequency must be at least 7 times"):
-        snapshot_option.pose(source, 0, 50, 0, frequency_mhz=9)
+        pose(source, 0, 50, 0, frequency_mhz=9)
 
 
 @pytest.mark.parametrize(
@@ -60,7 +75,7 @@ def test_a_frequency_that_the_probe_does_not_sample_is_refused():
 )
 def test_poses_and_settings_that_see_nothing_are_refused(values, said):
     with pytest.raises(ConfigurationError, match=said):
-        snapshot_option.pose(Source(), *values)
+        pose(Source(), *values)
 
 
 def test_phantoms_are_those_of_the_tasks():

@@ -105,7 +105,8 @@ def _call(args: argparse.Namespace) -> None:
 
     source = _source(args)
     source = replace(source, imaging=snapshot_option.imaging_of(source, args.pixel, args.median))
-    pose = snapshot_option.pose(source, args.x, args.depth, args.angle, args.frequency, args.dynamic_range)
+    place = (args.x, args.depth, args.angle)
+    source, pose = snapshot_option.placed(source, *place, args.frequency, args.dynamic_range)
     path = snapshot_files.path(args.out, args.kind, source, pose, plain=args.plain)
     taken = snapshot.take(source, pose, args.kind)
     snapshot_files.write(taken, path, plain=args.plain)

@@ -14,7 +14,7 @@ from usbench.envs.rf import simulate_rf
 from usbench.envs.scanner import acquire, scan, view
 from usbench.envs.settings import in_words, tuned
 from usbench.records import ConfigurationError
-from usbench.watch.snapshot_option import Source
+from usbench.watch.snapshot_option import Source, recorded
 
 KINDS = ("frame", "envelope", "rf", "iq")
 # A frame that was not simulated.
@@ -80,8 +80,7 @@ def take(source: Source, pose: Pose, kind: str = "frame") -> Snapshot:
     """
     tissue = source.tissue
     if not tissue.has_focus and (kind != "frame" or in_words(pose)):
-        asked = kind if kind != "frame" else "settings of a scanner"
-        raise ConfigurationError(f"a recorded image has no {asked}: leave it out, or simulate it.")
+        raise recorded(kind if kind != "frame" else "settings of a scanner")
     plain, probe, imaging = tuned(pose, source.probe, source.imaging)
     if isinstance(tissue, PointScatterers):
         _check_seen(tissue, plain, *view(probe, imaging))

@@ -71,40 +71,54 @@ def _changed(part: LinearArray | Imaging, own: LinearArray | Imaging) -> list[st
     ]
 
 
-def pose(
+def placed(
     source: Source,
     x_mm: Any,
     focal_depth_mm: Any,
     angle_deg: Any,
     frequency_mhz: Any = None,
     dynamic_range_db: Any = None,
-) -> Pose:
-    """Return the pose, on the tasks' grid or off it, with the scanner's settings if one of them is given.
+) -> tuple[Source, Pose]:
+    """Return source and pose, on the tasks' grid or off it, with the scanner's settings that are given.
+
+    A frequency makes settings of both, which the pose has. A dynamic range alone is that of the source's
+    imaging, and the probe keeps its frequency, whatever it is.
 
     Raises:
-        ConfigurationError: If a value is not allowed, the probe is not on the tissue, or does not sample such
-            a frequency.
+        ConfigurationError: If a value is not allowed, the probe is not on the tissue, does not sample such a
+            frequency, or settings of a recorded image are asked for.
     """
     try:
-        found = Pose(x_mm, focal_depth_mm, angle_deg)
-        edge = int(source.tissue.width_mm // 2)
-        if abs(found.x_mm) > edge:
-            raise ValueError(f"x_mm must be in [-{edge}, {edge}], where the phantom is, not {found.x_mm}.")
-        if found.focal_depth_mm > DEEPEST_MM:
-            raise ValueError(f"focal_depth_mm must be in [1, {DEEPEST_MM}], not {found.focal_depth_mm}.")
+        pose = _on(source.tissue, Pose(x_mm, focal_depth_mm, angle_deg))
         if frequency_mhz is None and dynamic_range_db is None:
-            return found
-        setup = Setup(
-            found.x_mm,
-            found.focal_depth_mm,
-            found.angle_deg,
-            frequency_khz=_frequency_khz(source.probe, frequency_mhz),
-            dynamic_range_db=_range_db(source.imaging, dynamic_range_db),
-        )
+            return source, pose
+        if not source.tissue.has_focus:
+            raise recorded("settings of a scanner")
+        range_db = _range_db(source.imaging, dynamic_range_db)
+        if frequency_mhz is None:
+            return replace(source, imaging=replace(source.imaging, dynamic_range_db=range_db)), pose
+        khz = _frequency_khz(frequency_mhz)
+        place = (pose.x_mm, pose.focal_depth_mm, pose.angle_deg)
+        setup = Setup(*place, frequency_khz=khz, dynamic_range_db=range_db)
         tuned(setup, source.probe, source.imaging)  # refuses a frequency that this probe does not sample
-        return setup
+        return source, setup
     except (TypeError, ValueError) as error:
         raise ConfigurationError(str(error)) from error
+
+
+def recorded(asked: str) -> ConfigurationError:
+    """Return the error for what a recorded image does not have."""
+    return ConfigurationError(f"a recorded image has no {asked}: leave it out, or simulate it.")
+
+
+def _on(tissue: Tissue | PointScatterers, pose: Pose) -> Pose:
+    """Return the pose, or raise ValueError if the probe is not on the tissue, or focused too deep."""
+    edge = int(tissue.width_mm // 2)
+    if abs(pose.x_mm) > edge:
+        raise ValueError(f"x_mm must be in [-{edge}, {edge}], where the phantom is, not {pose.x_mm}.")
+    if pose.focal_depth_mm > DEEPEST_MM:
+        raise ValueError(f"focal_depth_mm must be in [1, {DEEPEST_MM}], not {pose.focal_depth_mm}.")
+    return pose
 
 
 def imaging_of(source: Source, pixel_mm: Any = None, median_size: Any = None) -> Imaging:
@@ -139,9 +153,7 @@ def imaging_of(source: Source, pixel_mm: Any = None, median_size: Any = None) ->
     return imaging
 
 
-def _frequency_khz(probe: LinearArray, frequency_mhz: Any) -> int:
-    if frequency_mhz is None:
-        return round(probe.center_frequency / 1e3)
+def _frequency_khz(frequency_mhz: Any) -> int:
     if not isinstance(frequency_mhz, int | float) or not _within(frequency_mhz, FREQUENCY_MHZ):
         low, high = FREQUENCY_MHZ
         raise ValueError(f"frequency must be in [{low:g}, {high:g}] MHz, not {frequency_mhz!r}.")
