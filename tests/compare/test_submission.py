@@ -152,7 +152,7 @@ def test_another_setting_than_the_comparisons_is_found(runs, changes, said):
     [
         ("best:pp-tracked", {}, None),  # told its own last actions too
         ("best:pp-random", {}, None),  # with more than the task's budget
-        ("best:exam-tracked", {}, None),  # with fewer steps, and other frames
+        ("best:exam-tracked", {}, None),  # with other frames
         ("best:pp-random", {"senses": ["position"]}, "or senses are not those"),
     ],
 )
