@@ -3,7 +3,7 @@
 import pytest
 from made_tables import made, seeds, trial
 
-from usbench.results import provenance
+from usbench.results import agents, provenance
 
 
 def grid(**changes):
@@ -57,15 +57,21 @@ def test_command_counts_seeds_from_the_first_of_comparisons():
         [trial("vpg", seed=seed) for seed in (101, 102)],
         [trial("vpg", seed=seed) for seed in (0, 1)],
         [trial("vpg"), trial("vpg", noise=0.5), trial("vpg", noise=0.5, seed=101)],
-        [trial("vpg"), trial("vpg", seed=101, task="fp", steps=32)],
         [trial("vpg"), trial("vpg", configuration="00000002")],
         [trial("oracle")],
         [],
     ],
-    ids=["hole", "later", "earlier version", "cells", "budget", "configurations", "no learner", "nothing"],
+    ids=["hole", "later", "earlier version", "cells", "configurations", "no learner", "nothing"],
 )
 def test_what_no_comparisons_make_names_none(trials):
     assert provenance.commands(made(*trials).trials) == []
+
+
+def test_a_trial_with_another_budget_leaves_the_command_of_those_with_the_tasks_own():
+    """It is a row of its own, whatever its configuration is called."""
+    trials = made(trial("vpg"), trial("vpg", seed=101, steps=32)).trials
+    assert set(agents.named(trials)["agent"]) == {"vpg", "vpg steps=32"}
+    assert provenance.commands(trials) == ["usbench compare --algos vpg --tasks fp --noise 0 --seeds 1"]
 
 
 def test_a_trial_with_other_settings_leaves_the_commands_of_the_others():
