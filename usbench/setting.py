@@ -17,7 +17,7 @@ import numpy as np
 from gymnasium.envs.registration import load_env_creator
 from gymnasium.vector import AutoresetMode
 
-from usbench import anatomy_record, scene_record, suite
+from usbench import anatomy_record, suite
 from usbench.anchors import Anchors
 from usbench.checks import probability, unknown, whole_number
 from usbench.envs import oracle
@@ -35,6 +35,7 @@ from usbench.envs.tasks.random_phantoms import FIRST_HELD_OUT
 from usbench.envs.tissue import Tissue
 from usbench.envs.vector.wrappers import VectorImageStack, VectorNormalizeImage
 from usbench.records import MAX_FRAMES, ConfigurationError, Frames, TrialConfig
+from usbench.records import scene as scene_record
 
 TRUE_REWARD = "normalized"
 TRAINED_ON = (TRUE_REWARD, IMAGE)

@@ -30,8 +30,8 @@ STRICT = ConfigDict(
 
 Count = Annotated[int, Ge(0), Lt(2**53)]
 Means = Mapping[str, float]
-# Of each line of a record file; what reads the records computes with these.
 MEASURED = ("return", "final_distance_mm", "final_sin_angle", "is_success")
+# Of each line of a record file; what reads the records computes with these.
 NUMBERS = {
     EPISODES: ("step", *MEASURED),
     EVALUATIONS: ("step", *MEASURED, "checkpoint", "deterministic", "eval_episode"),
