@@ -13,8 +13,6 @@ from usbench.checks import did_you_mean
 REFUSED = 2
 # The leaderboard of the grid.
 LEADERBOARD = Path("leaderboard.md")
-# Said where a leaderboard would take the place of trials that are nowhere else.
-ELSEWHERE = "{} holds trials that are not in {}: this leaderboard goes to {}"
 # Said after Ctrl-C of commands that keep what they have done.
 GOES_ON = "the same command goes on from there."
 

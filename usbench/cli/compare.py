@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import argparse
 import sys
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from usbench.cli.arguments import (
-    ELSEWHERE,
     GOES_ON,
     LEADERBOARD,
     add_leaderboard_file,
@@ -104,6 +104,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
 def _call(args: argparse.Namespace) -> None:
     """Run what is missing of a comparison, then write its leaderboard and figures."""
     tell_watcher("looking at the trials that there are: some seconds", args.quiet)
+    tell = partial(print, file=sys.stderr)
     from usbench.cli.output import sweep_output
     from usbench.compare import plan, protocol, rest, runs
     from usbench.results import leaderboard
@@ -121,9 +122,7 @@ def _call(args: argparse.Namespace) -> None:
     )
     if args.leaderboard is None:
         usual = LEADERBOARD if args.table is None else TABLES / args.table / LEADERBOARD
-        args.leaderboard = runs.place(usual, args.out, [config.folder_name for config in planned])
-        if args.leaderboard != usual:
-            print(ELSEWHERE.format(usual, args.out, args.leaderboard), file=sys.stderr)
+        args.leaderboard = runs.place(usual, args.out, [config.folder_name for config in planned], tell)
     with leaderboard.prepared(args.leaderboard):
         outcomes = [] if args.report_only else _run_missing(args, planned, jobs)
         # First: damaged records make no leaderboard.

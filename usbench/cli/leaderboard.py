@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 import sys
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from usbench.checks import ConfigurationError
-from usbench.cli.arguments import ELSEWHERE, LEADERBOARD, add_leaderboard_file, tell_watcher
+from usbench.cli.arguments import LEADERBOARD, add_leaderboard_file, tell_watcher
 
 if TYPE_CHECKING:
     from usbench.results.additions import Addition
@@ -97,9 +98,8 @@ def _write_trials(args: argparse.Namespace) -> Path:
     from usbench.results import leaderboard, studies, tables
 
     known = _gathered(args.runs)
-    path: Path = args.leaderboard or runs.place(LEADERBOARD, args.runs, known.trials["trial"])
-    if path != (args.leaderboard or LEADERBOARD):
-        print(ELSEWHERE.format(LEADERBOARD, args.runs, path), file=sys.stderr)
+    tell = partial(print, file=sys.stderr)
+    path: Path = args.leaderboard or runs.place(LEADERBOARD, args.runs, known.trials["trial"], tell)
     folder = leaderboard.prepare(path)
     tables.write(known, folder)
     studies.write(studies.gather(args.runs), folder)

@@ -1,6 +1,6 @@
 """From folders of trials to the tables of a leaderboard."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 import pandas as pd
@@ -36,11 +36,12 @@ def gather(runs: Path) -> tuple[Results, pd.DataFrame]:
     return known.of(known.trials[fits]), known.trials[~fits]
 
 
-def place(usual: Path, out: Path, names: Iterable[str]) -> Path:
+def place(usual: Path, out: Path, names: Iterable[str], tell: Callable[[str], None] = lambda _: None) -> Path:
     """Return where the leaderboard of the trials `names` goes if no file is named.
 
     That is `usual`, unless the tables beside it would lose trials that are not among `names` and have no
-    folder in `out`, as in a clone those of the benchmark's own leaderboard. Then it is `out / usual`.
+    folder in `out`, as in a clone those of the benchmark's own leaderboard. Then it is `out / usual`,
+    which `tell` is told.
     """
     try:
         kept = tables.read(leaderboard.files(usual)).trials
@@ -48,7 +49,10 @@ def place(usual: Path, out: Path, names: Iterable[str]) -> Path:
         return usual
     learned = (kept["steps"] > 0) & (kept["status"] == "finished")
     others = set(kept.loc[learned, "trial"]) - set(names)
-    return out / usual if any(not (out / name).exists() for name in others) else usual
+    if all((out / name).exists() for name in others):
+        return usual
+    tell(f"{usual} holds trials that are not in {out}: this leaderboard goes to {out / usual}")
+    return out / usual
 
 
 def report(planned: Sequence[TrialConfig], out: Path, path: Path) -> list[Path]:
