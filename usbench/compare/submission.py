@@ -11,15 +11,14 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from usbench import records, seed_pools, suite
 from usbench.anchors import Anchors
 from usbench.checks import ConfigurationError
 from usbench.compare.own_task import is_on_its_task
-from usbench.coordinates import BY_NAME
 from usbench.records import Trial
+from usbench.records.facts import Facts
 from usbench.results.protocol import unseen
 from usbench.setting import Setting
 
@@ -180,7 +179,8 @@ def _of_returns(setting: Setting, evaluations: pd.DataFrame) -> list[str]:
         if other:
             wrong.append(
                 f"evaluation episode {row['eval_episode']} at step {row['checkpoint']} has the "
-                f"{other[0].replace('_', ' ')} {row[other[0]]:.4f}, its actions give {facts[other[0]]:.4f}"
+                f"{other[0].replace('_', ' ')} {_number(row[other[0]])}, its actions give "
+                f"{_number(facts[other[0]])}"
             )
     env.close()
     if not wrong:
@@ -195,28 +195,29 @@ def _played(env: Any, planned: suite.EvaluationEpisode, actions: Sequence[int]) 
         ValueError: If the episode does not end with the last action.
     """
     _, info = env.reset(seed=planned.seed, options=planned.options)
-    total, over, to_goal = 0.0, False, math.nan
-    for number, action in enumerate(actions, start=1):
+    facts, over = Facts(info), False
+    for action in actions:
         if over:
             raise ValueError("there are actions after its end")
         _, reward, terminated, truncated, info = env.step(action)
-        total, over = total + float(reward), terminated or truncated
-        to_goal = float(number) if info["is_success"] and math.isnan(to_goal) else to_goal
+        facts.add(action, float(reward), info)
+        over = terminated or truncated
     if not over:
         raise ValueError("its actions end before the episode does")
-    return {
-        "return": total,
-        "is_success": bool(info["is_success"]),
-        **{f"final_{name}": int(info[name]) for name in BY_NAME if name in info},
-        "final_distance_mm": float(info["distance_mm"]),
-        "final_sin_angle": float(info["sin_angle"]),
-        "steps_to_goal": to_goal,
-    }
+    told = facts.report(info)
+    names = ("is_success", "final_distance_mm", "final_sin_angle", "steps_to_goal")
+    return {"return": told["return_"], **told["poses"], **{name: told[name] for name in names}}
 
 
-def _same(played: float, recorded: float | None, tolerance: float) -> bool:
-    """Return whether a record says what was played; None stands for what never was, as NaN does."""
-    return bool(np.isclose(played, np.nan if recorded is None else recorded, 0, tolerance, equal_nan=True))
+def _same(played: float | None, recorded: float | None, tolerance: float) -> bool:
+    """Return whether a record says what was played; None is what never was, which a table holds as NaN."""
+    if played is None or recorded is None:
+        return played is None and (recorded is None or math.isnan(recorded))
+    return abs(played - recorded) <= tolerance
+
+
+def _number(value: float | None) -> str:
+    return "none" if value is None or math.isnan(value) else f"{value:.4f}"
 
 
 def _tolerance(setting: Setting) -> float:
