@@ -62,6 +62,16 @@ def test_only_what_there_is_to_draw(tmp_path, trials, names):
     assert [path.stem for path in comparison.write(made(*trials), tmp_path)] == names
 
 
+def test_names_with_settings_are_folded_and_leave_the_panels_their_width():
+    settings = '{"environment": "e", "gamma": 0.95, "initial_value": -26.0}'
+    other = [trial("vpg", 0.4, seed=seed, settings=settings, configuration="00000002") for seed in (100, 101)]
+    figure = comparison.final_scores(made(*seeds("vpg", [0.5, 0.6, 0.7]), *other))
+    figure.canvas.draw()
+    labels = [label.get_text() for label in figure.axes[0].get_yticklabels()]
+    assert "vpg gamma=0.95,\ninitial_value=-26.0" in labels and "vpg" in labels
+    assert figure.axes[0].get_position().width > 0.7
+
+
 def test_a_figure_of_earlier_results_does_not_stay(tmp_path):
     comparison.write(made(*GRID), tmp_path)
     assert (tmp_path / "improvement.png").exists() and (tmp_path / "performance_profiles.png").exists()

@@ -1,5 +1,6 @@
 """The figures of a comparison, from results alone."""
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,8 @@ REFERENCES = ("oracle", "random", "stay")
 BAR: dict[str, Any] = {"linewidth": 4, "solid_capstyle": "butt"}
 # Height in inches of panels that are all in one row, so that the label of their axis fits beside them.
 SINGLE_ROW = 3.2
+# Of an agent's name in a line beside a panel: names with settings would take the panel's place.
+NAME_LETTERS = 25
 # For which a panel of scores has room, so that a single marker fits in.
 LEAST_ROWS = 3
 OPTIMUM: dict[str, Any] = {"color": "black", "linestyle": "-.", "linewidth": 1}
@@ -82,8 +85,10 @@ def final_scores(known: Results) -> Figure | None:
     worst_first = _ranked(rows)[::-1]
     here = {cell: [name for name in worst_first if name in set(own["agent"])] for cell, own in _by_cell(rows)}
     same = len({tuple(names) for names in here.values()}) == 1
+    labels = {name: textwrap.fill(name, NAME_LETTERS) for names in here.values() for name in names}
+    row = 0.19 if not any("\n" in label for label in labels.values()) else 0.29  # inches
     figure, panels = cell_panels(
-        {cell: 0.4 + 0.19 * max(len(names), LEAST_ROWS) for cell, names in here.items()},
+        {cell: 0.4 + row * max(len(names), LEAST_ROWS) for cell, names in here.items()},
         SCORE,
         sharex=True,
         sharey=same,
@@ -94,7 +99,7 @@ def final_scores(known: Results) -> Figure | None:
             matrix = own.loc[own["agent"] == agent, ["normalized_score"]].to_numpy(np.float64)
             _score_row(axis, height, matrix, looks.agents([agent])[agent])
         _score_lines(axis.axvline, cell, table)
-        axis.set_yticks(range(len(here[cell])), here[cell])
+        axis.set_yticks(range(len(here[cell])), [labels[name] for name in here[cell]])
         axis.set_ylim(-0.5, len(here[cell]) - 0.3)
         axis.set_xlim(0, max(score_axis.HIGHEST, rows["normalized_score"].max() + 0.03))
     _line_legend(figure, list(panels), table)
