@@ -9,6 +9,7 @@ trials.
 
 import argparse
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -16,19 +17,59 @@ from pathlib import Path
 from rich.console import Console
 from unseen_phantoms import drawing, trial_table
 from unseen_phantoms.measuring import measured
-from unseen_phantoms.studies import STUDIES, TASK, Study
+from unseen_phantoms.studies import STUDIES, TASK, Study, Variant
 
 from usbench import seed_pools
+from usbench.cli.output import sweep_output
+from usbench.compare import plan, sweep
+from usbench.compare.sweep import Outcome
+from usbench.envs.threads import n_threads
+from usbench.records import Trial, TrialConfig
 
 DOCS = Path(__file__).parents[1] / "docs"
 
 
-def run(table: str, study: Study, out: Path, csv: Path) -> None:
-    """Train what is missing of a table, all rows with the first seed first, and add each trial to the CSV."""
+class AddingRows(sweep_output.SweepBars):
+    """Progress that adds the numbers of each trial that ends to the CSV."""
+
+    def __init__(self, add: Callable[[TrialConfig], None]) -> None:
+        """Show progress as usual; `add` takes the configuration of each finished trial."""
+        super().__init__()
+        self._add = add
+
+    def ended(self, outcome: Outcome) -> None:
+        """A trial has ended."""
+        super().ended(outcome)
+        if outcome.reason is None:
+            self._add(outcome.config)
+
+
+def run(table: str, study: Study, out: Path, csv: Path, jobs: int) -> None:
+    """Train what is missing of a table, `jobs` trials at a time, and add each trial to the CSV.
+
+    All rows with the first seed are first.
+
+    Raises:
+        RuntimeError: If a trial failed.
+    """
+    planned: dict[str, tuple[TrialConfig, Variant]] = {}
     for seed, steps, variant in product(range(study.n_seeds), study.steps, study.variants):
-        row = measured(table, variant, steps, seed, out)
-        trial_table.add(csv, row)
-        print(*vars(row).values(), sep="\t", file=sys.stderr, flush=True)
+        config = variant.config(steps, seed)
+        planned[config.folder_name] = config, variant
+    missing = set(planned)
+
+    def add(config: TrialConfig) -> None:
+        _, variant = planned[config.folder_name]
+        trial_table.add(csv, measured(table, variant, Trial.read(out / config.folder_name)))
+        missing.discard(config.folder_name)
+
+    with AddingRows(add) as progress:
+        outcomes = sweep.run([config for config, _ in planned.values()], out, progress, jobs=jobs)
+    for outcome in outcomes:  # what was finished before
+        if outcome.reason is None and outcome.config.folder_name in missing:
+            add(outcome.config)
+    if failed := sweep_output.failures(outcomes):
+        raise RuntimeError("; ".join(failed))
 
 
 def show(table: str, study: Study, csv: Path) -> None:
@@ -46,6 +87,7 @@ def main() -> None:
     parser.add_argument("--tables", nargs="+", choices=STUDIES, default=list(STUDIES))
     parser.add_argument("--steps", type=int, nargs="+", help="training steps (by default the table's own)")
     parser.add_argument("--seeds", type=int, help="development seeds per row (by default the table's own)")
+    parser.add_argument("--jobs", type=int, default=n_threads(), help="trials at a time (default all cores)")
     parser.add_argument("--out", type=Path, default=Path("runs"), help="folder of trials (default runs)")
     parser.add_argument("--csv", type=Path, default=DOCS / "unseen.csv", help="the numbers of all trials")
     parser.add_argument(
@@ -61,15 +103,18 @@ def main() -> None:
     if args.figures:
         print(*drawing.write(trial_table.read(args.csv), args.figures), sep="\n")
         return
+    jobs = plan.positive("jobs", args.jobs)
     for table in args.tables:
         own = STUDIES[table]
         study = replace(own, steps=tuple(args.steps or own.steps), n_seeds=args.seeds or own.n_seeds)
         for seed in range(study.n_seeds):
             seed_pools.own().check("development", seed)
         try:
-            run(table, study, args.out, args.csv)
+            run(table, study, args.out, args.csv, jobs)
         except KeyboardInterrupt:
             sys.exit("stopped: the same command goes on from here.")
+        except RuntimeError as error:
+            sys.exit(f"{error}; the same command tries again.")
         show(table, study, args.csv)
 
 

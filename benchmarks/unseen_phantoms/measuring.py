@@ -1,7 +1,6 @@
-"""One trial of a table, trained where it is not finished, and its numbers."""
+"""The numbers of a finished trial of a table."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -9,21 +8,19 @@ from unseen_phantoms.studies import Variant
 from unseen_phantoms.trial_table import Row
 from usbench.records import Trial
 from usbench.setting import Setting
-from usbench.trials import runner
 from usbench.trials.evaluation import Evaluator
 from usbench.trials.model_loading import load_agent
 
 
-def measured(table: str, variant: Variant, steps: int, seed: int, out: Path) -> Row:
-    """Return the row of a trial, which is run in the folder `out` where it is not finished."""
-    trial = Trial.read(runner.run_trial(variant.config(steps, seed), out).folder)
+def measured(table: str, variant: Variant, trial: Trial) -> Row:
+    """Return the row of a finished trial of a variant."""
     phantoms = trial.config.environment["phantoms"]
     return Row(
         table=table,
         variant=variant.title,
         phantoms=variant.setting.get("n_phantoms"),
-        steps=steps,
-        seed=seed,
+        steps=trial.config.steps,
+        seed=trial.config.seed,
         digest=phantoms.get("digest", ""),
         known=known_score(trial),
         unseen=float(trial.last_evaluation(deterministic=True)["normalized_score"].mean()),

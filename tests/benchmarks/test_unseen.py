@@ -2,13 +2,16 @@
 
 import sys
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
+import sweep_worker
 import unseen
 from unseen_phantoms import measuring, trial_table
 from unseen_phantoms.studies import STUDIES, Variant
 
+from usbench.compare import sweep
 from usbench.records import ConfigurationError, Trial
 from usbench.trials import runner
 
@@ -30,15 +33,17 @@ def call(monkeypatch, tmp_path):
 
 
 @pytest.fixture
-def small(monkeypatch):
-    """A study of two variants, one of them on a fixed set of phantoms."""
+def small(quick, monkeypatch):
+    """A study of two variants, one of them on a fixed set of phantoms, whose trials are quick."""
+    executor = partial(sweep.processes, sweep_worker.quick)
+    monkeypatch.setattr(unseen.sweep, "run", partial(sweep.run, executor=executor))
     variants = (Variant("b"), Variant("a", setting={"n_phantoms": 2}))
     study = replace(STUDIES["gap"], variants=variants, steps=(STEPS,), n_seeds=2)
     monkeypatch.setitem(unseen.STUDIES, "gap", study)
     return study
 
 
-def test_trials_are_run_once_and_printed_in_the_order_of_the_study(quick, small, call, capsys, tmp_path):
+def test_trials_are_run_once_and_printed_in_the_order_of_the_study(small, call, capsys, tmp_path):
     rows = call("--tables", "gap")
     assert len(rows) == 4 and set(rows["steps"]) == {STEPS}
     printed = capsys.readouterr().out
@@ -51,17 +56,27 @@ def test_trials_are_run_once_and_printed_in_the_order_of_the_study(quick, small,
 
 
 def test_ctrl_c_loses_no_finished_trial(small, call, monkeypatch, tmp_path):
-    def measured(table, variant, steps, seed, out):
-        if seed == 1:
+    def measured(table, variant, trial):
+        if trial.config.seed == 1:
             raise KeyboardInterrupt
-        return trial_table.Row(table, variant.title, None, steps, seed, "", 0.5, 0.5, 1.0)
+        return trial_table.Row(table, variant.title, None, STEPS, 0, "", 0.5, 0.5, 1.0)
 
     monkeypatch.setattr(unseen, "measured", measured)
     with pytest.raises(SystemExit, match="the same command goes on from here"):
-        call("--tables", "gap")
+        call("--tables", "gap", "--jobs", 1)
     # All variants of the first seed come before the second seed.
     rows = trial_table.read(tmp_path / "unseen.csv")
     assert sorted(rows["variant"]) == ["a", "b"] and set(rows["seed"]) == {0}
+
+
+def test_a_damaged_trial_is_told_after_the_others_are_added(small, call, tmp_path):
+    call("--tables", "gap", "--seeds", 1)
+    damaged, *_ = (tmp_path / "runs").glob("*/model.zip")
+    damaged.write_bytes(b"nothing")
+    (tmp_path / "unseen.csv").unlink()
+    with pytest.raises(SystemExit, match="failed: .*model.zip.*the same command tries again"):
+        call("--tables", "gap", "--seeds", 1)
+    assert len(trial_table.read(tmp_path / "unseen.csv")) == 1
 
 
 def test_figures_are_drawn_without_training(call, monkeypatch, tmp_path, capsys):
@@ -74,6 +89,11 @@ def test_figures_are_drawn_without_training(call, monkeypatch, tmp_path, capsys)
     call("--figures", tmp_path)
     assert capsys.readouterr().out.split() == [str(tmp_path / "unseen_scaling.png")]
     assert (tmp_path / "unseen_scaling.png").exists()
+
+
+def test_no_job_is_refused(call):
+    with pytest.raises(ConfigurationError, match="jobs must be a whole number from 1, not 0"):
+        call("--tables", "gap", "--jobs", 0)
 
 
 def test_seeds_of_comparisons_are_refused(call):
