@@ -5,16 +5,14 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import gymnasium as gym
-import numpy as np
-import numpy.typing as npt
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from usbench import released
 from usbench.checks import ConfigurationError
 from usbench.coordinates import BY_NAME
-from usbench.envs.observation import senses
 from usbench.envs.observation.wrappers import ImageStack, NormalizeImage
 from usbench.setting import Setting, of_any_version
+from usbench.trials.evaluation import play_in_step
 from usbench.trials.learning import make_agent
 from usbench.trials.model_loading import load_agent
 
@@ -128,23 +126,8 @@ def play(agent: Any, name: str, setting: Setting, seeds: Sequence[int]) -> Itera
         episodes = [Played(name, int(seed)) for seed in seeds[start : start + AT_ONCE]]
         for env, episode in zip(envs, episodes, strict=False):
             env.played = episode
-        _play(agent, shown[: len(episodes)], episodes)
+        starts = [{"seed": episode.seed} for episode in episodes]
+        play_in_step(agent, shown[: len(episodes)], starts, deterministic=True)
         yield from episodes
     for one in shown:
         one.close()
-
-
-def _play(agent: Any, envs: Sequence[gym.Env[Any, Any]], episodes: Sequence[Played]) -> None:
-    """Play one episode in each of `envs`, all in step."""
-    sees_state = getattr(agent, "sees_state", False)
-    starts = [env.reset(seed=episode.seed) for env, episode in zip(envs, episodes, strict=True)]
-    observations, infos = [list(column) for column in zip(*starts, strict=True)]
-    state, first, step = None, np.ones(len(envs), dtype=bool), 0
-    over: npt.NDArray[np.bool_] = np.zeros(len(envs), dtype=bool)
-    while not over.all():
-        seen = [{**info, "step": step} for info in infos] if sees_state else senses.batch(observations)
-        actions, state = agent.predict(seen, state=state, episode_start=first, deterministic=True)
-        for k in np.flatnonzero(~over).tolist():
-            observations[k], _, terminated, truncated, infos[k] = envs[k].step(int(actions[k]))
-            over[k] = terminated or truncated
-        first, step = np.zeros(len(envs), dtype=bool), step + 1

@@ -2,7 +2,7 @@
 
 import contextlib
 import random
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any, Protocol
 
@@ -51,8 +51,10 @@ class Evaluator:
         """
         for env in self._envs:
             env.unwrapped.is_watched = getattr(agent, "looks", True)  # type: ignore[attr-defined]
+        self._facts.clear()
+        starts = [{"seed": episode.seed, "options": episode.options} for episode in self.episodes]
         with _borrowed_randomness(getattr(agent, "action_space", self._envs[0].action_space)):
-            facts = self._play(agent, deterministic)
+            play_in_step(agent, self._envs, starts, deterministic=deterministic)
         return [
             Evaluation(
                 episode=number,
@@ -60,35 +62,45 @@ class Evaluator:
                 step=step,
                 checkpoint=checkpoint,
                 deterministic=deterministic,
-                **fact,
+                **self._facts[number],
             )
-            for number, fact in enumerate(facts)
+            for number in range(len(self._envs))
         ]
-
-    def _play(self, agent: Agent, deterministic: bool) -> list[dict[str, Any]]:
-        self._facts.clear()
-        sees_state = getattr(agent, "sees_state", False)
-        starts = [
-            env.reset(seed=episode.seed, options=episode.options)
-            for env, episode in zip(self._envs, self.episodes, strict=True)
-        ]
-        observations, infos = [list(column) for column in zip(*starts, strict=True)]
-        state, first, step = None, np.ones(len(self._envs), dtype=bool), 0
-        # The batch stays whole: what is advised for an episode that its agent has ended is not done.
-        while len(self._facts) < len(self._envs):
-            seen = [{**info, "step": step} for info in infos] if sees_state else senses.batch(observations)
-            actions, state = _act(agent, seen, state, first, deterministic)
-            for k, env in enumerate(self._envs):
-                if k in self._facts:
-                    continue
-                observations[k], _, _, _, infos[k] = env.step(int(actions[k]))
-            first, step = np.zeros(len(self._envs), dtype=bool), step + 1
-        return [self._facts[number] for number in range(len(self._envs))]
 
     def close(self) -> None:
         """Close the environments."""
         for env in self._envs:
             env.close()
+
+
+def play_in_step(
+    agent: Agent,
+    envs: Sequence[gym.Env[Any, Any]],
+    starts: Sequence[Mapping[str, Any]],
+    *,
+    deterministic: bool,
+) -> None:
+    """Play one episode in each of `envs`, all at once, one batch of observations per step.
+
+    Args:
+        agent: Who acts.
+        envs: The environments, which see the actions.
+        starts: For each of them what its `reset` is called with.
+        deterministic: Whether actions are greedy rather than sampled.
+    """
+    sees_state = getattr(agent, "sees_state", False)
+    reset = [env.reset(**start) for env, start in zip(envs, starts, strict=True)]
+    observations, infos = [list(column) for column in zip(*reset, strict=True)]
+    state, first, step = None, np.ones(len(envs), dtype=bool), 0
+    over: npt.NDArray[np.bool_] = np.zeros(len(envs), dtype=bool)
+    # The batch stays whole: what is advised for an episode that its agent has ended is not done.
+    while not over.all():
+        seen = [{**info, "step": step} for info in infos] if sees_state else senses.batch(observations)
+        actions, state = _act(agent, seen, state, first, deterministic)
+        for k in np.flatnonzero(~over).tolist():
+            observations[k], _, terminated, truncated, infos[k] = envs[k].step(int(actions[k]))
+            over[k] = terminated or truncated
+        first, step = np.zeros(len(envs), dtype=bool), step + 1
 
 
 def explores(agent: Agent) -> bool:
