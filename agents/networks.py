@@ -1,5 +1,6 @@
 """The convolutional trunk that every agent looks through: observations in, features out."""
 
+from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
@@ -16,18 +17,44 @@ CHANNELS = (16, 32)
 PROJECTED = 64
 
 
-def channels_first(space: spaces.Box) -> bool:
-    """Whether images of this space have their channels, the smallest axis, in front.
+@dataclass(frozen=True)
+class ImageLayout:
+    """How images of a space lie in memory, for trunks that take either layout."""
 
-    Raises:
-        ValueError: the space holds no images, or their channels lie in the middle.
-    """
-    if len(space.shape) != 3 or np.argmin(space.shape) == 1:
-        raise ValueError(
-            f"observations of shape {space.shape} are no images: allowed are (height, width, channels) and "
-            "(channels, height, width), with fewer channels than rows and columns."
-        )
-    return bool(np.argmin(space.shape) == 0)
+    channels_first: bool
+    n_channels: int
+    height: int
+    width: int
+
+    @classmethod
+    def of(cls, space: spaces.Box, smallest: int) -> Self:
+        """Return the layout of the space's images, whose channels are the smallest axis.
+
+        Raises:
+            ValueError: The space holds no images, their channels lie in the middle, or they have fewer than
+                `smallest` x `smallest` pixels.
+        """
+        shape = space.shape
+        if len(shape) != 3 or np.argmin(shape) == 1:
+            raise ValueError(
+                f"observations of shape {shape} are no images: allowed are (height, width, channels) and "
+                "(channels, height, width), with fewer channels than rows and columns."
+            )
+        channels_first = bool(np.argmin(shape) == 0)
+        n_channels, height, width = shape if channels_first else (shape[2], shape[0], shape[1])
+        if min(height, width) < smallest:
+            raise ValueError(
+                f"images must have at least {smallest} x {smallest} pixels, not {height} x {width}."
+            )
+        return cls(channels_first, n_channels, height, width)
+
+    def maps(self, observations: torch.Tensor) -> torch.Tensor:
+        """Return a batch of images as `(n, channels, height, width)`, its channels last in memory.
+
+        Float observations are in this layout already; with it a gradient step takes half the time.
+        """
+        images = observations if self.channels_first else observations.permute(0, 3, 1, 2)
+        return images.contiguous(memory_format=torch.channels_last)
 
 
 class ConvTrunk(BaseFeaturesExtractor):
@@ -44,23 +71,18 @@ class ConvTrunk(BaseFeaturesExtractor):
         """Builds the trunk for images of `observation_space`, as `Block` says.
 
         Raises:
-            ValueError: the space holds no images (see `channels_first`), or they have less than 4 x 4 pixels.
+            ValueError: the space holds no images (see `ImageLayout`), or they have less than 4 x 4 pixels.
         """
-        self._channels_first = channels_first(observation_space)
-        shape = observation_space.shape
-        n_channels, height, width = shape if self._channels_first else (shape[2], shape[0], shape[1])
-        if min(height, width) < 4:
-            raise ValueError(f"images must have at least 4 x 4 pixels, not {height} x {width}.")
-        super().__init__(observation_space, CHANNELS[-1] * (height // 4) * (width // 4))
+        layout = ImageLayout.of(observation_space, smallest=4)
+        super().__init__(observation_space, CHANNELS[-1] * (layout.height // 4) * (layout.width // 4))
+        self.layout = layout
         self.blocks = nn.Sequential(
-            Block(n_channels, CHANNELS[0], batch_statistics), Block(*CHANNELS, batch_statistics)
+            Block(layout.n_channels, CHANNELS[0], batch_statistics), Block(*CHANNELS, batch_statistics)
         )
 
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
         """Features `(n, features_dim)` of a batch of images."""
-        images = observations if self._channels_first else observations.permute(0, 3, 1, 2)
-        # Float observations are in this layout already; with it a gradient step takes half the time.
-        features: torch.Tensor = self.blocks(images.contiguous(memory_format=torch.channels_last))
+        features: torch.Tensor = self.blocks(self.layout.maps(observations))
         return features.flatten(1)
 
 

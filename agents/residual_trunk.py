@@ -5,7 +5,7 @@ from gymnasium import spaces
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 
-from usbench.agents.networks import channels_first
+from usbench.agents.networks import ImageLayout
 
 CHANNELS = (16, 32, 32)
 
@@ -26,23 +26,22 @@ class ResidualTrunk(BaseFeaturesExtractor):
         """Builds the trunk for images of `observation_space`.
 
         Raises:
-            ValueError: the space holds no images (see `channels_first`), or they have less than 8 x 8 pixels.
+            ValueError: the space holds no images (see `ImageLayout`), or they have less than 8 x 8 pixels.
         """
-        self._channels_first = channels_first(observation_space)
-        shape = observation_space.shape
-        n_channels, height, width = shape if self._channels_first else (shape[2], shape[0], shape[1])
-        if min(height, width) < 8:
-            raise ValueError(f"images must have at least 8 x 8 pixels, not {height} x {width}.")
+        layout = ImageLayout.of(observation_space, smallest=8)
         super().__init__(observation_space, CHANNELS[-1])
-        stages: list[nn.Module] = [_convolution(n_channels, CHANNELS[0], stride=2), Residual(CHANNELS[0])]
+        self.layout = layout
+        stages: list[nn.Module] = [
+            _convolution(layout.n_channels, CHANNELS[0], stride=2),
+            Residual(CHANNELS[0]),
+        ]
         for n_in, n_out in zip(CHANNELS, CHANNELS[1:], strict=False):
             stages += [_convolution(n_in, n_out), nn.MaxPool2d(3, stride=2, padding=1), Residual(n_out)]
         self.stages = nn.Sequential(*stages, nn.ReLU())
 
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
         """Features `(n, 32)` of a batch of images."""
-        images = observations if self._channels_first else observations.permute(0, 3, 1, 2)
-        maps: torch.Tensor = self.stages(images.contiguous(memory_format=torch.channels_last))
+        maps: torch.Tensor = self.stages(self.layout.maps(observations))
         return maps.mean(dim=(2, 3))
 
 

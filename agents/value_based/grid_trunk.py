@@ -5,7 +5,7 @@ from gymnasium import spaces
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 
-from usbench.agents.networks import channels_first
+from usbench.agents.networks import ImageLayout
 
 CHANNELS = (16, 32, 48)
 GROUPS = 4
@@ -35,15 +35,12 @@ class GridTrunk(BaseFeaturesExtractor):
             grid: Rows and columns of the grid.
             groups: Those of group norm, which divide 16, 32 and 48; 1 is layer norm, 0 is no norm.
         """
-        self._channels_first = channels_first(observation_space)
-        shape = observation_space.shape
-        n_channels, height, width = shape if self._channels_first else (shape[2], shape[0], shape[1])
-        if min(height, width) < 8:
-            raise ValueError(f"images must have at least 8 x 8 pixels, not {height} x {width}.")
+        layout = ImageLayout.of(observation_space, smallest=8)
         super().__init__(observation_space, CHANNELS[-1] * grid[0] * grid[1])
+        self.layout = layout
         first, second, third = CHANNELS
         self.stages = nn.Sequential(
-            _convolution(n_channels, first, stride=2),
+            _convolution(layout.n_channels, first, stride=2),
             nn.MaxPool2d(3, stride=2, padding=1),
             NormalizedResidual(first, groups),
             _convolution(first, second, stride=2),
@@ -56,8 +53,7 @@ class GridTrunk(BaseFeaturesExtractor):
 
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
         """Features `(n, features_dim)` of a batch of images."""
-        images = observations if self._channels_first else observations.permute(0, 3, 1, 2)
-        maps: torch.Tensor = self.stages(images.contiguous(memory_format=torch.channels_last))
+        maps: torch.Tensor = self.stages(self.layout.maps(observations))
         return maps.flatten(1)
 
 
