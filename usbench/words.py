@@ -1,4 +1,4 @@
-"""A frozen dataclass in words, for keys and for people."""
+"""Dataclasses and errors in words, for keys and for people."""
 
 from dataclasses import fields, is_dataclass
 from typing import Any
@@ -15,3 +15,9 @@ def in_words(value: Any) -> str:
     changed = [field.name for field in shown if getattr(value, field.name) != field.default]
     settings = ", ".join(f"{name}={in_words(getattr(value, name))}" for name in changed)
     return f"{type(value).__name__}({settings})"
+
+
+def in_one_line(error: BaseException, *, with_type: bool = False) -> str:
+    """Return what an error says, its lines joined; `with_type` puts the name of its type in front."""
+    told = " ".join(str(error).split())
+    return f"{type(error).__name__}: {told}" if with_type else told

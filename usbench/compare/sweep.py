@@ -26,6 +26,7 @@ from usbench.setting import Setting
 from usbench.trials import runner
 from usbench.trials.finished import find_finished
 from usbench.trials.resume_files import ResumeFiles
+from usbench.words import in_one_line
 
 RETRIES = 2
 
@@ -178,7 +179,7 @@ def work(config: TrialConfig, out: Path, **options: Any) -> str | None:
     except ConfigurationError:
         raise
     except Exception as error:
-        return " ".join(str(error).split())
+        return in_one_line(error)
     return None
 
 

@@ -20,6 +20,7 @@ from usbench import records
 from usbench.atomic import atomic_file
 from usbench.records import EXPLORATION, Trial, TrialConfig
 from usbench.tasks import row_of
+from usbench.words import in_one_line
 
 TRIALS, CURVES = "trials.csv", "curves.csv"
 ORDER = ["task", "noise", "algo", "configuration", "seed"]
@@ -158,7 +159,7 @@ def _read(path: Path, columns: Mapping[str, type]) -> pd.DataFrame:
             f"there is no {path.name} in {str(path.parent)!r}: usbench compare writes it there."
         ) from None
     except (KeyError, ValueError) as error:
-        reason = " ".join(str(error).split())
+        reason = in_one_line(error)
         raise ValueError(f"{path} is not a table of results: {reason}") from error
 
 

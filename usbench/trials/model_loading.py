@@ -26,6 +26,7 @@ from usbench.records import ConfigurationError, Trial, TrialConfig
 from usbench.setting import Setting
 from usbench.trials.configuration import resolve
 from usbench.trials.learning import make_agent
+from usbench.words import in_one_line
 
 WEIGHTS = "policy.pth"
 
@@ -258,4 +259,5 @@ def _check_size(members: list[zipfile.ZipInfo], limit: int, file: Path) -> None:
 
 
 def _words(error: Exception) -> str:
-    return f"{type(error).__name__}: {' '.join(str(error).split())}".rstrip(".: ")
+    """Return an error in one line, as it stands in brackets: without a full stop."""
+    return in_one_line(error, with_type=True).rstrip(".: ")

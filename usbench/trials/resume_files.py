@@ -19,6 +19,7 @@ import torch
 
 from usbench.atomic import atomic_file, remove_leftovers
 from usbench.records import CHECKPOINTS, ConfigurationError
+from usbench.words import in_one_line
 
 log = logging.getLogger(__name__)
 
@@ -84,7 +85,7 @@ class ResumeFiles:
             try:
                 content = _read(path)
             except Exception as error:  # whatever stands in a stranger's file
-                log.warning("resume file %s is passed over: %s", path, " ".join(str(error).split()))
+                log.warning("resume file %s is passed over: %s", path, in_one_line(error))
             else:
                 yield path, content
 

@@ -30,6 +30,7 @@ from usbench.trials.learning import Learning, heard_once, make_agent
 from usbench.trials.lock import locked
 from usbench.trials.resume_files import ResumeFiles, interval
 from usbench.trials.stopwatch import Stopwatch
+from usbench.words import in_one_line
 
 log = logging.getLogger(__name__)
 
@@ -167,7 +168,7 @@ class _Run:
             self._give_up("interrupted", "stopped by the user")
             raise
         except Exception as error:
-            reason = _words(error)
+            reason = in_one_line(error, with_type=True)
             self._give_up("failed", reason)
             raise TrialError(f"the trial in {str(self.folder)!r} failed: {reason}") from error
         self.resume_files.clear()
@@ -196,7 +197,7 @@ class _Run:
                 points = len(self.trial.evaluation_points)
                 expected = rehearsal.expected(self.config, self.setting, self.episodes, points)
             except Exception as error:  # whatever an algorithm of another package does
-                log.warning("how long it will take is not known: %s", " ".join(str(error).split()))
+                log.warning("how long it will take is not known: %s", in_one_line(error))
                 return
         if expected is not None:
             self.progress.expected(expected.wall, expected.cpu)
@@ -209,7 +210,7 @@ class _Run:
                 try:
                     learning.put_back(content)
                 except Exception as error:  # whatever a stranger's file says
-                    log.warning("resume file %s is passed over: %s", path, " ".join(str(error).split()))
+                    log.warning("resume file %s is passed over: %s", path, in_one_line(error))
                     continue
                 self.resume_files.go_on_from(path)
                 self._learn(learning)
@@ -266,7 +267,7 @@ class _Run:
             "the trial %s has no model: %s.save failed (%s)",
             self.folder.name,
             type(self.agent).__name__,
-            _words(error),
+            in_one_line(error, with_type=True),
         )
 
     def _give_up(self, status: str, reason: str) -> None:
@@ -283,8 +284,3 @@ class _Run:
     def _write(self, **news: Any) -> None:
         self.trial = replace(self.trial, timings=self.stopwatch.seconds(), **news)
         self.trial.write()
-
-
-def _words(error: Exception) -> str:
-    """Return an error in one line: its type, and what it says."""
-    return f"{type(error).__name__}: {' '.join(str(error).split())}"
