@@ -57,10 +57,19 @@ def read(path: Path, settings: Mapping[str, Any], *, looking: bool = False) -> A
 
 
 def plain(anatomy: Anatomy) -> dict[str, Any]:
-    """Return the entries of an environment's configuration: the phantom, and where its file is."""
-    kind = next(name for name, cls in KINDS.items() if type(anatomy) is cls)
+    """Return the entries of an environment's configuration: the phantom, and where its file is.
+
+    Raises:
+        ConfigurationError: If it is of a class of its own, which a record could not make again.
+    """
+    kinds = {cls: name for name, cls in KINDS.items()}
+    if type(anatomy) not in kinds:
+        allowed = " and ".join(cls.__name__ for cls in kinds)
+        raise ConfigurationError(
+            f"a phantom of the class {type(anatomy).__name__} cannot be recorded: allowed are {allowed}."
+        )
     values = asdict(anatomy)
-    return {VOLUME: values.pop("path"), "phantom": {"frames": kind, **values}}
+    return {VOLUME: values.pop("path"), "phantom": {"frames": kinds[type(anatomy)], **values}}
 
 
 def recorded(environment: Mapping[str, Any]) -> Anatomy | None:

@@ -14,6 +14,7 @@ from usbench.envs.anatomy import Echogenicity, Placement, Recording
 from usbench.envs.anatomy.volume_file import read
 from usbench.envs.pose import Pose
 from usbench.records import ConfigurationError
+from usbench.setting import Setting
 
 TARGET = ["target_x_mm=10", "target_angle_deg=30"]
 RUN = ["run", "--algo", "vpg", "--task", "pp", "--steps", "64", "--quiet", "--phantom"]
@@ -61,6 +62,16 @@ def test_what_is_recorded_is_the_same_again(file, frames):
     again = anatomy_record.recorded(plain)
     assert again == found and again.path == found.path and type(again) is type(found)
     assert anatomy_record.recorded({"id": "usbench/ProbePlane-v0", "phantom": {"seed": 0}}) is None
+
+
+def test_a_class_of_ones_own_cannot_be_recorded(file):
+    class Mine(Echogenicity):
+        pass
+
+    setting = Setting(task="pp", anatomy=Mine(**vars(asked(file))))
+    allowed = "allowed are Echogenicity and Recording"
+    with pytest.raises(ConfigurationError, match=f"the class Mine cannot be recorded: {allowed}"):
+        setting.record()
 
 
 @pytest.mark.parametrize(
