@@ -51,59 +51,15 @@ HEADERS = {
 
 def application(desk: Desk, token: str) -> Starlette:
     """Return the web application of `desk`; all but the page's files is for who has the token."""
-
-    def button(name: str, *keys: str, optional: bool = False) -> Route:
-        async def pressed(request: Request) -> Response:
-            check_sender(request, token)
-            values = await body(request)
-            place = values.pop("place", None)
-            if not values.keys() <= set(keys) or not (optional or values.keys() == set(keys)):
-                raise Refused(
-                    400, f"the body must be an object with the keys {list(keys)}, not {list(values)}."
-                )
-            if desk.busy:
-                return _answer({"error": f"The guide is busy: {desk.busy}.", "state": desk.state()}, 409)
-
-            def work(session: Session) -> None:
-                # On a page that is out of date, nobody has seen what the button would act on.
-                if place != session.place:
-                    raise Stale
-                getattr(session, name)(**values)
-
-            return await done(work)
-
-        return Route(f"/{name}", pressed, methods=["POST"])
-
-    async def done(work: Work) -> Response:
-        """Let `work` be done and answer with the new state; with the old one and `busy` if it takes long."""
-        job = asyncio.wrap_future(desk.do(work))
-        await asyncio.wait([job], timeout=PATIENCE)
-        error = job.exception() if job.done() else None
-        if isinstance(error, Stale):
-            return _answer({"error": ELSEWHERE, "state": desk.state()}, 409)
-        if isinstance(error, ValueError | TypeError | OverflowError):
-            raise Refused(400, str(error)) from error
-        if error is not None:
-            return _answer({"error": f"{type(error).__name__}: {error}"}, 500)
-        return _answer(desk.state())
-
-    async def state(request: Request) -> Response:
-        check_sender(request, token)
-        return _answer(desk.state())
-
-    async def update(request: Request) -> Response:
-        check_sender(request, token)
-        await body(request)
-        return _answer(desk.state()) if desk.busy else await done(lambda session: session.update())
-
+    answers = _Answers(desk, token)
     routes = [
-        Route("/state", state),
-        Route("/update", update, methods=["POST"]),
-        button("act", "action"),
-        button("follow"),
-        button("begin"),
-        button("train"),
-        button("choose", "task", "noise", "agent", "hidden", optional=True),
+        Route("/state", answers.state),
+        Route("/update", answers.update, methods=["POST"]),
+        answers.button("act", "action"),
+        answers.button("follow"),
+        answers.button("begin"),
+        answers.button("train"),
+        answers.button("choose", "task", "noise", "agent", "hidden", optional=True),
         Mount("/", _Files(directory=PAGE, html=True)),
     ]
     return Starlette(
@@ -112,6 +68,64 @@ def application(desk: Desk, token: str) -> Starlette:
         middleware=[Middleware(TrustedHostMiddleware, [HOST, "localhost"])],
         exception_handlers={Refused: _refusal},
     )
+
+
+class _Answers:
+    """What is answered to who has the token: the state of a desk, after what was asked for is done."""
+
+    def __init__(self, desk: Desk, token: str) -> None:
+        self._desk, self._token = desk, token
+
+    async def state(self, request: Request) -> Response:
+        """The state as it is."""
+        check_sender(request, self._token)
+        return _answer(self._desk.state())
+
+    async def update(self, request: Request) -> Response:
+        """The state after a look at what has changed by itself."""
+        check_sender(request, self._token)
+        await body(request)
+        if self._desk.busy:
+            return _answer(self._desk.state())
+        return await self._done(lambda session: session.update())
+
+    def button(self, name: str, *keys: str, optional: bool = False) -> Route:
+        """The route to the session's method `name`, called with all, or any, of the `keys` in the body."""
+
+        async def pressed(request: Request) -> Response:
+            check_sender(request, self._token)
+            values = await body(request)
+            place = values.pop("place", None)
+            if not values.keys() <= set(keys) or not (optional or values.keys() == set(keys)):
+                raise Refused(
+                    400, f"the body must be an object with the keys {list(keys)}, not {list(values)}."
+                )
+            if self._desk.busy:
+                told = f"The guide is busy: {self._desk.busy}."
+                return _answer({"error": told, "state": self._desk.state()}, 409)
+
+            def work(session: Session) -> None:
+                # On a page that is out of date, nobody has seen what the button would act on.
+                if place != session.place:
+                    raise Stale
+                getattr(session, name)(**values)
+
+            return await self._done(work)
+
+        return Route(f"/{name}", pressed, methods=["POST"])
+
+    async def _done(self, work: Work) -> Response:
+        """Let `work` be done and answer with the new state; with the old one and `busy` if it takes long."""
+        job = asyncio.wrap_future(self._desk.do(work))
+        await asyncio.wait([job], timeout=PATIENCE)
+        error = job.exception() if job.done() else None
+        if isinstance(error, Stale):
+            return _answer({"error": ELSEWHERE, "state": self._desk.state()}, 409)
+        if isinstance(error, ValueError | TypeError | OverflowError):
+            raise Refused(400, str(error)) from error
+        if error is not None:
+            return _answer({"error": f"{type(error).__name__}: {error}"}, 500)
+        return _answer(self._desk.state())
 
 
 @contextlib.contextmanager

@@ -143,44 +143,70 @@ def markdown(
     """
     doubted = set(unverified) & set(known.trials["trial"])
     reading = text.folded("How to read the numbers", f"{READING}\n{MEASURES}")
-    shown = dict(figures)
-    first = shown.pop(next(iter(scores.parts(known))), ())
-    parts, notes = ["# Leaderboard", verdict.text(known, tested), *first, reading], []
+    first, *others = scores.parts(known)
+    parts = ["# Leaderboard", verdict.text(known, tested), *figures.get(first, ()), reading]
+    pictures = {name: figures.get(name, ()) for name in others}
     for name, own in scores.parts(known).items():
         pairs = ranking.improvement(scores.learners(own))
-        parts += together.sections(own, name, pairs, doubted, shown.get(name, ()))
-        notes += [
-            f"{text.code(agent)} is not in the table of {name}: {why}."
-            for agent, why in sorted(scores.matrices(own)[1].items())
-        ]
+        parts += together.sections(own, name, pairs, doubted, pictures.get(name, ()))
     rows = scores.cells(known)
     for name, own in further.split(known).items():
         where = "" if name == further.GRID else f": {name}"
         parts += _cells(own, rows[rows["table"] == name], where, doubted)
-        in_table = "" if name == further.GRID else f"In {name}: "
-        # What is said of all frames is said once.
-        notes += [f"{in_table}{note}" for note in provenance.notes(own.trials) if note not in notes]
-    unseen = pd.DataFrame() if tested is None else held_out.table(further.first(known), tested)
-    made = []
-    if not unseen.empty:
-        parts += ["## Phantoms never seen", held_out.section(unseen)]
-        missing = held_out.not_tested(further.first(known), tested)
-        notes += [f"Agents of {cell.name} were not tested on phantoms never seen." for cell in missing]
-        made.append("usbench transfer")
-    if studied is not None and not studied.empty:
-        parts += ["## People", studies.READING, text.table(studies.HEAD, studies.texts(studied), words=4)]
-    if searched is not None and not searched.empty:
-        n_rows = text.rows(len(tuning.candidates(searched)))
-        folded = text.folded(f"Scores of candidates ({n_rows})", tuning.section(searched))
-        parts += ["## How hard each is to tune", tuning.ABOUT, folded]
-        made.append("usbench leaderboard --search search")
-    parts += ["## How this was made", provenance.making(known.trials, made)]
-    if notes:
+    never_seen = _never_seen(known, tested)
+    made = {
+        "usbench transfer": never_seen,
+        "": _people(studied),
+        "usbench leaderboard --search search": _tuning(searched),
+    }
+    parts += [part for section in made.values() for part in section]
+    commands = [command for command, section in made.items() if command and section]
+    parts += ["## How this was made", provenance.making(known.trials, commands)]
+    if notes := _notes(known, tested if never_seen else None):
         listed = "\n".join(f"* {note}" for note in notes)
         parts += ["## Notes", text.folded(f"Notes ({len(notes)})", listed)]
     if doubted:
         parts.append(additions.meaning(doubted))
     return "\n\n".join(parts) + "\n"
+
+
+def _never_seen(known: Results, tested: pd.DataFrame | None) -> list[str]:
+    """Return the section of what agents of the grid reach on phantoms never seen."""
+    unseen = pd.DataFrame() if tested is None else held_out.table(further.first(known), tested)
+    return [] if unseen.empty else ["## Phantoms never seen", held_out.section(unseen)]
+
+
+def _people(studied: pd.DataFrame | None) -> list[str]:
+    """Return the section of what people reached with a guide."""
+    if studied is None or studied.empty:
+        return []
+    return ["## People", studies.READING, text.table(studies.HEAD, studies.texts(studied), words=4)]
+
+
+def _tuning(searched: pd.DataFrame | None) -> list[str]:
+    """Return the section of what the candidates of a search reached."""
+    if searched is None or searched.empty:
+        return []
+    n_rows = text.rows(len(tuning.candidates(searched)))
+    folded = text.folded(f"Scores of candidates ({n_rows})", tuning.section(searched))
+    return ["## How hard each is to tune", tuning.ABOUT, folded]
+
+
+def _notes(known: Results, tested: pd.DataFrame | None) -> list[str]:
+    """Return what has to be said of trials and of rows that are not in a table, each once."""
+    notes = [
+        f"{text.code(agent)} is not in the table of {name}: {why}."
+        for name, own in scores.parts(known).items()
+        for agent, why in sorted(scores.matrices(own)[1].items())
+    ]
+    for name, own in further.split(known).items():
+        in_table = "" if name == further.GRID else f"In {name}: "
+        # What is said of all frames is said once.
+        notes += [f"{in_table}{note}" for note in provenance.notes(own.trials) if note not in notes]
+    if tested is not None:
+        missing = held_out.not_tested(further.first(known), tested)
+        notes += [f"Agents of {cell.name} were not tested on phantoms never seen." for cell in missing]
+    return notes
 
 
 def _cells(own: Results, rows: pd.DataFrame, where: str, doubted: set[str]) -> list[str]:
