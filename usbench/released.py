@@ -11,7 +11,7 @@ from pathlib import Path
 from usbench.checks import ConfigurationError, did_you_mean
 
 # `make release-agents` writes it.
-FOLDER = Path(__file__).with_name("trained")
+FOLDER = Path(__file__).resolve().with_name("trained")
 CARD = "card.md"
 # Of an agent, right or misspelt; what a path of Windows has before its colon is followed by a slash.
 _NAME = re.compile(r"[\w-]+:[\w-]*")

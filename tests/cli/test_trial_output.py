@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import re
+import shlex
 import sys
 
 import pytest
@@ -120,6 +121,11 @@ def test_a_trial_ends_with_the_next_two_commands(finished, capsys):
     *_, first, second = capsys.readouterr().out.splitlines()
     assert first.split(None, 1) == ["next:", f"usbench watch {finished}"]
     assert second.strip() == f"usbench guide {finished}"
+    spaced = finished.parent / "my trial"
+    finished.rename(spaced)
+    trial_output.print_trial(spaced, {})
+    for line in capsys.readouterr().out.splitlines()[-2:]:
+        assert shlex.split(line)[-1] == str(spaced)
 
 
 def test_what_the_guide_would_refuse_is_shown_in_a_report(quick, tmp_path, capsys):

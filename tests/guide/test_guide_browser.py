@@ -7,6 +7,7 @@ import re
 import shutil
 import statistics
 import threading
+import time
 
 import pytest
 from stable_baselines3.common.vec_env import DummyVecEnv
@@ -306,6 +307,33 @@ def test_change_of_task_asks_before_an_episode_is_lost(page):
     choose(page, "Task", "pp")  # nothing is lost
     expect(dialog).to_be_hidden()
     expect(page.get_by_role("button", name="rotate clockwise")).to_be_visible()
+
+
+def test_play_goes_on_in_a_new_episode_that_takes_its_time(page, monkeypatch):
+    for step in range(16):
+        page.keyboard.press("Space")
+        expect(page.locator("#progress-words")).to_have_text(f"Step {step + 1} of 16")
+    begin = Session.begin
+    monkeypatch.setattr(Session, "begin", lambda self: (time.sleep(1.5), begin(self)))
+    page.get_by_role("button", name="Play").click()
+    expect(page.locator("#progress-words")).to_have_text("Step 2 of 16")
+
+
+def test_what_is_lost_of_the_first_answer_comes_with_the_next(page):
+    page.route("**/state", lambda route: route.abort(), times=1)
+    page.reload()
+    expect(page.get_by_role("alert")).to_contain_text("does not answer")
+    expect(page.get_by_role("button", name="New episode")).to_be_disabled()
+    page.keyboard.press("n")
+    page.evaluate("document.dispatchEvent(new Event('visibilitychange'))")
+    expect(page.get_by_role("button", name="New episode")).to_be_enabled()
+    page.problems.clear()  # the browser's own message of the request
+
+
+def test_a_noise_of_ones_own_is_a_round_number(browser, quick, monkeypatch, tmp_path):
+    monkeypatch.setattr(examination, "frame_store", guidance.frame_store)
+    with shown(browser, tmp_path, seed=4, noise=0.07) as page:
+        expect(page.get_by_role("combobox", name="Noise").locator("option:checked")).to_have_text("7 %")
 
 
 def test_scripted_person_plays_a_whole_study(browser, untrained, quick, monkeypatch, tmp_path):

@@ -1,6 +1,7 @@
 """The guide's routes and its command, without a browser."""
 
 import contextlib
+import gc
 import json
 import os
 import signal
@@ -239,7 +240,7 @@ def test_work_that_takes_long_runs_beside_the_server(quick, monkeypatch, tmp_pat
         assert (after["task"], after["noise"], after["step"], after["busy"]) == ("exam", 0.5, 0, "")
 
 
-def test_work_that_fails_late_says_why(quick, monkeypatch, tmp_path):
+def test_work_that_fails_late_says_why(quick, monkeypatch, tmp_path, caplog):
     monkeypatch.setattr(examination, "frame_store", guidance.frame_store)
 
     def refuse(self, action):
@@ -250,6 +251,8 @@ def test_work_that_fails_late_says_why(quick, monkeypatch, tmp_path):
     with serving(lambda tell: Session(tmp_path, seed=0, tell=tell)) as url:
         assert json.loads(press(url, "act", {"action": 1})[1])["message"] == "this cannot be."
         assert json.loads(press(url, "begin")[1])["message"] == ""
+    gc.collect()
+    assert "never retrieved" not in caplog.text
 
 
 def test_a_disk_that_is_full_is_told_and_the_guide_goes_on(quick, monkeypatch, tmp_path):

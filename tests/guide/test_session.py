@@ -4,12 +4,13 @@ import json
 import shutil
 import sys
 import time
+from pathlib import Path
 
 import pytest
 from quick_trials import speed_up
 from state_files import read_state, write_state
 
-from usbench import records
+from usbench import records, released
 from usbench.envs import guidance
 from usbench.envs.bmode import Imaging
 from usbench.envs.probe import LinearArray
@@ -51,7 +52,9 @@ def test_hidden_object_is_told_by_nothing_until_the_end(session):
     assert state["return"] is state["optimum"] is state["at_goal"] is None
     for _ in range(15):
         session.follow()
-    assert session.state()["verdict"].startswith("of the best from this start. Success: the probe is at ")
+    state = session.state()
+    assert state["verdict"].startswith("of the best from this start. Success: the probe is at ")
+    assert state["hidden"] and len(state["balls"]) == 6
 
 
 def test_trial_advises_on_its_own_task_and_noise(finished, tmp_path):
@@ -244,6 +247,18 @@ def test_trained_agent_takes_over_from_the_optimum(session, finished, monkeypatc
     assert wait_for_training(session)["status"] == "finished"
     assert session.agent == name and session.notice.startswith("Trained: ") and not session.message
     assert not session.state()["training"]["offered"]
+
+
+def test_beside_an_agent_of_the_package_one_of_your_own_can_be_trained(tmp_path, finished, monkeypatch):
+    monkeypatch.setattr(released, "FOLDER", Path(released.__file__).with_name("trained"))
+    session = Session(tmp_path / "mine", seed=0)
+    assert session.agent == "best:pp" and session.state()["training"]["offered"]
+    name = leaving(finished, monkeypatch)
+    assert wait_for_training(session)["status"] == "finished" and not session.state()["training"]["offered"]
+    assert session.agent == "best:pp" and session.notice.endswith(" can be chosen as the agent.")
+    session.choose(agent=name)
+    assert session.agent == name
+    session.close()
 
 
 def test_asking_for_the_state_switches_nothing(session, finished, monkeypatch):

@@ -1,6 +1,7 @@
 """A study: what is played, what is recorded, and how report and leaderboard show it."""
 
 import json
+import shutil
 
 import pytest
 
@@ -79,12 +80,31 @@ def test_study_goes_on_where_it_ended_and_torn_lines_do_no_harm(tmp_path):
     path = session.study.folder / records.EVALUATIONS
     with path.open("a") as file:
         file.write('{"episode"')
+    session.close()
     session = Session(tmp_path, study="anna")
     assert session.study.n_done == 1
     rows = play(session)
     assert len(rows) == 8 and session.state()["ended"]
     with pytest.raises(ConfigurationError, match="The study anna is finished"):
         session.begin()
+
+
+def test_a_study_keeps_its_agent_where_a_better_one_has_appeared(finished, tmp_path):
+    session = Session(tmp_path, study="anna")
+    play_once(session)
+    session.close()
+    shutil.copytree(finished, tmp_path / finished.name)
+    assert Session(tmp_path).agent == finished.name
+    again = Session(tmp_path, study="anna")
+    assert again.agent == session.agent == agents.ORACLE and again.study.n_done == 1
+
+
+def test_a_study_is_played_in_one_guide_at_a_time(tmp_path):
+    first = Session(tmp_path, study="anna")
+    with pytest.raises(ConfigurationError, match="the study 'anna' is played in another guide"):
+        Session(tmp_path, study="anna")
+    first.close()
+    assert Session(tmp_path, study="anna").study.n_done == 0
 
 
 def unopened(setting):
@@ -99,7 +119,7 @@ def test_what_would_spoil_a_study_is_refused(tmp_path, monkeypatch):
             spoil()
     state = session.state()
     assert state["hidden"] and state["balls"] == [] and state["step"] == 1
-    with pytest.raises(ConfigurationError, match="has begun with another"):
+    with pytest.raises(ConfigurationError, match=r"has begun with another task \(pp, not fp\): choose"):
         Session(tmp_path, study="anna", task="fp")
     with monkeypatch.context() as patch, pytest.raises(ConfigurationError, match="no such optimum"):
         patch.setattr(agents, "open_oracle", unopened)
@@ -175,7 +195,9 @@ def test_a_study_without_an_episode_in_both_ways_has_no_score(tmp_path):
 
 
 def test_a_study_of_an_earlier_version_goes_on(tmp_path):
-    path = Session(tmp_path, study="anna").study.folder / studies.STUDY
+    session = Session(tmp_path, study="anna")
+    session.close()
+    path = session.study.folder / studies.STUDY
     before = json.loads(path.read_text())
     assert before.pop("plays") == 4
     path.write_text(json.dumps(before))

@@ -172,6 +172,20 @@ def test_trials_that_are_not_finished_are_named_and_strangers_words_are_only_wor
     assert "<script" not in text and 'src="https' not in text
 
 
+def test_the_report_of_one_trial_is_about_that_trial_alone(runs, without_figures, tmp_path, capsys):
+    (trial,) = records.trial_folders(runs)
+    shutil.copytree(trial, runs / "copy")
+    (runs / "broken").mkdir()
+    (runs / "broken" / records.TRIAL).write_text("[]")
+    (runs / "study-anna").mkdir()
+    (runs / "study-anna" / "study.json").write_text("{}")
+    out = tmp_path / "page.html"
+    assert cli.main(["report", str(trial), "--out", str(out)]) == 0
+    assert "left out" not in capsys.readouterr().err
+    page = out.read_text()
+    assert "report of 1 trial</title>" in page and 'id="people"' not in page
+
+
 def test_nothing_finished_is_said(runs, without_figures, tmp_path):
     (trial,) = records.trial_folders(runs)
     add(runs, "running", status="running")

@@ -117,6 +117,8 @@ class _Answers:
     async def _done(self, work: Work) -> Response:
         """Let `work` be done and answer with the new state; with the old one and `busy` if it takes long."""
         job = asyncio.wrap_future(self._desk.do(work))
+        # What fails later stands in the state: here it is only taken notice of.
+        job.add_done_callback(lambda ended: ended.cancelled() or ended.exception())
         await asyncio.wait([job], timeout=PATIENCE)
         error = job.exception() if job.done() else None
         if isinstance(error, Stale):

@@ -14,7 +14,7 @@ from usbench.guide import view
 from usbench.guide.agents import ORACLE, Known
 from usbench.guide.examination import Examination, Opened
 from usbench.guide.guided import GUIDED, check_task
-from usbench.guide.study import Study
+from usbench.guide.study import Study, agent_of
 from usbench.guide.training import QuickTraining, can_train
 from usbench.records import ConfigurationError
 from usbench.setting import Setting
@@ -73,7 +73,7 @@ class Session:
         self.agent, self.message, self.notice, self.hidden = ORACLE, "", "", False
         self._find()
         if self._given is None:
-            self._choose_best()
+            self._choose_best(None if study is None else agent_of(runs, study))
         else:
             self._opened: Opened | None = guide_agents.open_trial(self._given, self.setting)
             self.agent = self._given.name
@@ -152,9 +152,13 @@ class Session:
         if before != "running" or now.status != "finished" or now.folder is None:
             return
         self._find()
-        if now.folder.name in self._trials and self.agent == ORACLE and now.task == self.setting.task:
+        if now.folder.name not in self._trials or now.task != self.setting.task:
+            return
+        if self.agent == ORACLE:
             self.choose(agent=now.folder.name)
             self.notice = f"Trained: {self._label()} advises from now on."
+        else:
+            self.notice = f"Trained: {self._trials[now.folder.name].label} can be chosen as the agent."
 
     def choose(
         self, *, task: Any = None, noise: Any = None, agent: Any = None, hidden: bool | None = None
@@ -195,22 +199,23 @@ class Session:
         return self.examination.prepare()
 
     def close(self) -> None:
-        """End a training that runs in the background."""
+        """End a training that runs in the background, and let another guide go on with a study."""
         self.training.close()
+        if self.study is not None:
+            self.study.close()
 
     def state(self) -> dict[str, Any]:
         """Return all that the page shows, for JSON."""
-        untrained = self._untrained()
         training = asdict(self.training.progress) | {"folder": None}
         return {
             "place": self.place,
             **self._choices(),
-            **view.seen(self.examination, hidden=self.hidden),
+            **view.seen(self.examination, hidden=self.hidden, for_good=self.study is not None),
             "advice": view.advice(self.examination) if self.study is None or self._shows_advice else None,
             "study": "" if self.study is None else self._way,
             "ended": self.study is not None and self.study.now is None,
-            "training": training | {"offered": bool(untrained) and can_train(self.setting)},
-            "untrained": untrained,
+            "training": training | {"offered": self._offers_training()},
+            "untrained": self._untrained(),
         }
 
     def _choices(self) -> dict[str, Any]:
@@ -259,6 +264,11 @@ class Session:
             )
         return "No agent is trained for this task yet; the exact optimum advises."
 
+    def _offers_training(self) -> bool:
+        """Return whether an agent can be trained here, and none of the task is in the folder of trials."""
+        own = [one for one in self._trials.values() if not one.is_released and one.task == self.setting.task]
+        return self.study is None and not own and can_train(self.setting)
+
     def _find(self) -> None:
         """Look for trials: those whose agents can be chosen here, and those that met other images."""
         self._tell(f"looking for agents in {self._runs}")
@@ -268,10 +278,12 @@ class Session:
         given = [] if self._given is None else [self._given]
         self._trials: dict[str, Known] = {trial.name: trial for trial in (*fitting, *given)}
 
-    def _choose_best(self) -> None:
-        """Let the best agent of the task advise, or the optimum where there is none."""
+    def _choose_best(self, recorded: str | None = None) -> None:
+        """Let the best agent of the task advise, or that which a study has recorded, or else the optimum."""
         before = self._trials.get(self.agent)
-        best = guide_agents.best(self._trials.values(), self.setting)
+        best = self._trials.get(recorded or "") or guide_agents.best(self._trials.values(), self.setting)
+        if recorded == ORACLE:
+            best = None
         self.agent = ORACLE if best is None else best.name
         self._open()
         if before is None or before.task == self.setting.task or self.message:

@@ -12,6 +12,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from filelock import Timeout
+
 from usbench.atomic import atomic_file
 from usbench.checks import check_plain_name
 from usbench.guide.examination import Examination, Opened
@@ -20,6 +22,7 @@ from usbench.records.journal import Journal, cut_torn_line, read_rows
 from usbench.results.studies import ADVISED, AGENT, HUMAN, OPTIMUM, STUDY
 from usbench.setting import Setting
 from usbench.suite import EvaluationEpisode
+from usbench.trials.lock import lock_of
 
 EPISODES = 8
 
@@ -43,6 +46,19 @@ def plan(name: str, setting: Setting) -> tuple[Play, ...]:
     )
 
 
+def agent_of(runs: Path, name: str) -> str | None:
+    """Return who advises in the study `name` in a folder of `runs`; None if it has not begun."""
+    try:
+        record = json.loads((_folder(runs, name) / STUDY).read_text(encoding="utf-8"))
+        return str(record["agent"])
+    except (OSError, ValueError, KeyError, TypeError):  # what is wrong with it is told where it goes on
+        return None
+
+
+def _folder(runs: Path, name: str) -> Path:
+    return runs / f"study-{name}"
+
+
 class Study:
     """One person's study; what has been played is on disk, and a study that was ended goes on from there.
 
@@ -55,16 +71,24 @@ class Study:
         """Begin the study `name` in a folder of `runs`, or go on with it.
 
         Raises:
-            ConfigurationError: If `name` cannot be that of a folder, or the study has begun otherwise.
+            ConfigurationError: If `name` cannot be that of a folder, the study has begun otherwise, or
+                another guide plays it.
         """
         try:
             self.name, self.setting = check_plain_name("the name of a study", name), setting
         except ValueError as error:
             raise ConfigurationError(str(error)) from error
-        self.folder, self.plays = runs / f"study-{name}", plan(name, setting)
+        self.folder, self.plays = _folder(runs, name), plan(name, setting)
         record = {"study": name, "task": setting.task, "noise": setting.noise, "agent": agent}
         record["plays"] = len(self.plays)
         self._begin({**record, "anchors": asdict(setting.anchors()), "environment": setting.record()})
+        self._lock = lock_of(self.folder)
+        try:
+            self._lock.acquire()
+        except Timeout:
+            raise ConfigurationError(
+                f"the study {name!r} is played in another guide: end that one first."
+            ) from None
         cut_torn_line(self.folder / EVALUATIONS)
         self.n_done = sum(row["player"] in (HUMAN, ADVISED) for row in read_rows(self.folder / EVALUATIONS))
         self._steps: list[tuple[int | None, bool, float]] = []
@@ -82,6 +106,10 @@ class Study:
             return f"The study {self.name} is finished. Thank you."
         way = "with" if self.now.advised else "without"
         return f"Study {self.name}: episode {self.n_done + 1} of {len(self.plays)}, {way} advice."
+
+    def close(self) -> None:
+        """Let another guide go on with the study."""
+        self._lock.release()
 
     def begin(self) -> None:
         """An episode begins: nothing is done in it yet."""
@@ -140,8 +168,15 @@ class Study:
         except ValueError as error:
             raise ConfigurationError(f"{str(path)!r} is not the record of a study: {error}.") from error
         # Studies of earlier versions do not tell how much is played.
-        if {"plays": record["plays"], **before} != json.loads(json.dumps(record)):
+        before, now = {"plays": record["plays"], **before}, json.loads(json.dumps(record))
+        if differing := [name for name in now if before.get(name) != now[name]]:
             raise ConfigurationError(
-                f"the study {self.name!r} has begun with another task, noise, agent or imaging: "
+                f"the study {self.name!r} has begun with another {_said(differing[0], before, now)}: "
                 "choose another name."
             )
+
+
+def _said(name: str, before: dict[str, Any], now: dict[str, Any]) -> str:
+    """Return in words what is another: with both values where they are short."""
+    short = isinstance(now[name], str | float | int)
+    return f"{name} ({before.get(name)}, not {now[name]})" if short else name

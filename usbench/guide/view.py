@@ -10,8 +10,10 @@ from usbench.guide.examination import Examination
 from usbench.watch.film import advice_numbers, fixed
 
 
-def seen(examination: Examination, *, hidden: bool) -> dict[str, Any]:
+def seen(examination: Examination, *, hidden: bool, for_good: bool = False) -> dict[str, Any]:
     """Return the episode; while the object is hidden, without anything that tells where it is before the end.
+
+    With `for_good`, the object itself is not shown at the end either: the same phantom may come again.
 
     Among it, of the picture: `frame_mm` is depth and width of the frame, `reach_mm` how far the probe's
     centre can be from x = 0.
@@ -19,7 +21,8 @@ def seen(examination: Examination, *, hidden: bool) -> dict[str, Any]:
     tells = examination.over or not hidden
     phantom, frame, imaging = examination.phantom, examination.frame, examination.setting.imaging
     known = phantom.object_of_interest
-    balls: Any = () if hidden or known is None else known.balls
+    shows = not hidden or (examination.over and not for_good)
+    balls: Any = known.balls if shows and known is not None else ()
     return {
         "controls": [asdict(control) for control in controls(examination.guidance)],
         "step": len(examination.actions),
@@ -31,7 +34,7 @@ def seen(examination: Examination, *, hidden: bool) -> dict[str, Any]:
         "frame_mm": [round(1e3 * size, 3) for size in (imaging.depth, imaging.width)],
         "phantom": {size: getattr(phantom, size) for size in ("width_mm", "height_mm", "depth_mm")},
         "balls": [[*ball.center_mm, ball.radius_mm] for ball in balls],
-        "target": asdict(phantom.target) if known is None and not hidden else None,
+        "target": asdict(phantom.target) if known is None and shows else None,
         "probe": asdict(Probe.of(examination.setting.probe)),
         "reach_mm": max(map(abs, examination.guidance.limits.x_mm)),
         "happened": happened(examination),

@@ -56,12 +56,13 @@ def write(runs: Path, out: Path, tell: Tell = lambda _: None) -> Path:
         raise ConfigurationError(
             damaged[0] if damaged else f"no trial and no study in {str(runs)!r} has begun."
         )
+    studied = tables.studied(runs)
     if (runs / records.TRIAL).is_file():
         runs = runs.resolve().parent
     tell("drawing the comparison")
     # Not where this reader keeps the trials.
     content: dict[str, Any] = {"damaged": [told.replace(f"{runs.resolve()}/", "") for told in damaged]}
-    content |= _comparison(known) | _recorded(runs, known) | _seen(runs, known, tell)
+    content |= _comparison(known) | {"studies": studied} | _recorded(runs, known) | _seen(runs, known, tell)
     with atomic_file(out) as file:
         file.write(_page(content).encode())
     return out
@@ -119,7 +120,6 @@ def _recorded(runs: Path, known: Results) -> dict[str, Any]:
     """Return the tables that need more than the results."""
     return {
         "endings": tables.endings(runs, known),
-        "studies": tables.studied(runs),
         "settings": tables.settings(known),
         "environments": tables.environments(runs, known),
         "trials": tables.trials(known),

@@ -34,7 +34,7 @@ def gather(paths: Sequence[Path], damaged: Callable[[str], None] | None = None) 
                     names.add(path.name)
             else:
                 chosen[path] = None
-        found += [_only(tables.collect(folder, damaged=damaged), names) for folder, names in chosen.items()]
+        found += [tables.collect(folder, damaged=damaged, names=names) for folder, names in chosen.items()]
     except (FileNotFoundError, ValueError) as error:
         raise ConfigurationError(str(error)) from error
     if damaged is not None:
@@ -52,8 +52,3 @@ def place(path: Path) -> Path:
     """
     own = path == Path(published.NAME) and not path.exists()
     return published.folder() if own else records.existing(path).resolve()
-
-
-def _only(known: Results, names: set[str] | None) -> Results:
-    """Return the results of some trials, of all for None."""
-    return known if names is None else known.of(known.trials[known.trials["trial"].isin(names)])

@@ -81,7 +81,10 @@ class Results:
 
 
 def collect(
-    runs: Path, planned: Collection[TrialConfig] = (), damaged: Callable[[str], None] | None = None
+    runs: Path,
+    planned: Collection[TrialConfig] = (),
+    damaged: Callable[[str], None] | None = None,
+    names: Collection[str] | None = None,
 ) -> Results:
     """Read the trials in the folder `runs`.
 
@@ -91,6 +94,7 @@ def collect(
             status "missing". Without it, every trial in the folder counts.
         damaged: Told, in a sentence, of each trial whose record is broken, which is then left out. Without
             it, such a trial is an error.
+        names: The folders that are read, where none is planned; None for all.
 
     Raises:
         FileNotFoundError: If there is no such folder.
@@ -99,7 +103,8 @@ def collect(
     records.existing(runs)
     places: list[tuple[TrialConfig | None, Path]] = [(own, runs / own.folder_name) for own in _once(planned)]
     rows, finished, curves = [], {}, {}
-    for config, folder in places or [(None, folder) for folder in records.trial_folders(runs)]:
+    folders = [one for one in records.trial_folders(runs) if names is None or one.name in names]
+    for config, folder in places or [(None, folder) for folder in folders]:
         try:
             trial = Trial.find(folder)
         except ValueError as error:

@@ -1,4 +1,4 @@
-"""One process at a time for each trial."""
+"""One process at a time for each trial, and for each study of a person."""
 
 import contextlib
 import logging
@@ -12,6 +12,17 @@ log = logging.getLogger(__name__)
 FOLDER = ".locks"
 
 
+def lock_of(folder: Path) -> FileLock:
+    """Return the lock of `folder`, in a file beside it; taking it raises `Timeout` where another has it.
+
+    Raises:
+        OSError: If the folder of the lock's file cannot be made.
+    """
+    path = folder.parent / FOLDER / f"{folder.name}.lock"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return FileLock(path, timeout=0)
+
+
 @contextlib.contextmanager
 def locked(folder: Path) -> Iterator[None]:
     """Hold the lock of the trial in `folder`, which another process may hold: then wait until it is free.
@@ -22,9 +33,7 @@ def locked(folder: Path) -> Iterator[None]:
     Raises:
         OSError: If the lock's file cannot be made.
     """
-    path = folder.parent / FOLDER / f"{folder.name}.lock"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    lock = FileLock(path, timeout=0)
+    lock = lock_of(folder)
     try:
         lock.acquire()
     except Timeout:

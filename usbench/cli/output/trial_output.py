@@ -1,5 +1,6 @@
 """What a person sees in the terminal: progress while a trial runs, a table and paths when it has ended."""
 
+import shlex
 import sys
 import time
 from dataclasses import dataclass
@@ -171,8 +172,9 @@ def print_trial(folder: Path, figures: dict[str, Path]) -> None:
     # Plain prints: a path must not be wrapped.
     for name, path in {"trial folder": folder, **figures}.items():
         print(f"{name + ':':<16}{path}")
-    print(f"{'next:':<16}usbench watch {folder}")
-    print(f"{'':<16}usbench {'guide' if _is_guided(Trial.read(folder).config) else 'report'} {folder}")
+    quoted = shlex.quote(str(folder))
+    print(f"{'next:':<16}usbench watch {quoted}")
+    print(f"{'':<16}usbench {'guide' if _is_guided(Trial.read(folder).config) else 'report'} {quoted}")
 
 
 def _is_guided(config: TrialConfig) -> bool:

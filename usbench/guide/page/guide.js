@@ -20,7 +20,7 @@ function send(path, body, since) {
   if (busy) return renderSettings(shown);
   const before = nStale;
   waiting += 1;
-  pending = pending.then(() => before === nStale && finished(path, body && { ...body, place: shown.place })).then((state) => {
+  pending = pending.then(() => before === nStale && finished(path, body && { ...body, place: shown?.place })).then((state) => {
     waiting -= 1;
     if (state || shown) render(state || shown, state ? since : undefined);
   });
@@ -100,11 +100,12 @@ const begin = () => send("begin", {});
 const follow = (since) => { if (shown.advice && !shown.study) send("follow", {}, since); };
 
 function play() {
-  if (shown.study) return;
+  if (!shown || shown.study) return;
   if (playing !== null) return pause();
   playing = setInterval(() => {
+    if (waiting) return;
     if (shown.over || !shown.advice) pause();
-    else if (!waiting) send("follow", {});
+    else send("follow", {});
   }, PLAY_MS);
   if (shown.over) begin();
   showPlaying();
@@ -163,7 +164,7 @@ function render(state, since) {
 function renderSettings(state) {
   if (!state) return;
   options("task", Object.entries(state.tasks).map(([value, label]) => ({ value, label })), state.task);
-  options("noise", state.noises.map((value) => ({ value: String(value), label: `${100 * value} %` })), String(state.noise));
+  options("noise", state.noises.map((value) => ({ value: String(value), label: `${Number((100 * value).toPrecision(6))} %` })), String(state.noise));
   const group = (agent) => agent.task === null ? "Reference policy" : `Trained: ${state.tasks[agent.task]}`;
   options("agent", state.agents.map((agent) => ({ value: agent.name, label: agent.label, group: group(agent) })), state.agent);
   byId("hidden").checked = state.hidden;
@@ -246,14 +247,14 @@ function renderEpisode(state, since) {
 }
 
 function renderTraining(training, untrained) {
-  const running = training.status === "running", failed = training.status === "failed";
-  byId("training").hidden = shown.study !== "" || !(untrained || running || failed);
+  const running = training.status === "running", failed = training.status === "failed" && training.task === shown.task;
+  byId("training").hidden = shown.study !== "" || !(untrained || training.offered || running || failed);
   byId("train").hidden = running || !training.offered;
   byId("training-bar").hidden = !running;
   byId("training-bar").value = training.step / training.steps;
   byId("training-words").textContent = running
-    ? `Training: step ${training.step} of ${training.steps}. The exact optimum advises meanwhile.`
-    : failed ? `Training failed: ${training.reason}` : untrained;
+    ? `Training: step ${training.step} of ${training.steps}. Meanwhile ${shown.label} advises.`
+    : failed ? `Training failed: ${training.reason}` : untrained || "Or train one of your own: dqn, some minutes in the background.";
   if (running) poll ??= setTimeout(() => { poll = undefined; send("update", {}); }, POLL_MS);
 }
 
