@@ -91,6 +91,11 @@ class FrameReplayBuffer(ReplayBuffer):
     def _get_samples(
         self, batch_inds: npt.NDArray[np.intp], env: VecNormalize | None = None
     ) -> ReplayBufferSamples:
+        if env is not None and env.norm_obs:
+            raise ValueError(
+                "a FrameReplayBuffer takes no VecNormalize that changes observations (norm_obs=True): "
+                "NormalizeImage does that."
+            )
         samples = super()._get_samples(batch_inds, env)
         observations = self._observations(samples.observations)
         return samples._replace(

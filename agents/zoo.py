@@ -189,8 +189,9 @@ def make(algo: str, env: Any, seed: int, hyperparameters: Mapping[str, Value], *
     """The model of `algo` on `env`: has SB3's `learn`, `predict`, `save` and `load`.
 
     On a vector of environments an update still takes `n_steps` steps in all, and the number of updates per
-    step stays the same. `kwargs` go to the constructor; a `policy` or `policy_kwargs` among them replaces
-    that of the row (the oracle needs a `policy`).
+    step stays the same, where `hyperparameters` say them: a class without any counts the steps of each
+    environment, as Stable-Baselines3 does. `kwargs` go to the constructor; a `policy` or `policy_kwargs`
+    among them replaces that of the row (the oracle needs a `policy`).
 
     Raises:
         ValueError: the number of environments does not divide `n_steps`.

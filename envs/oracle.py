@@ -13,7 +13,7 @@ import numpy.typing as npt
 from gymnasium.envs.registration import load_env_creator
 
 from usbench.anchors import Anchors
-from usbench.checks import number, probability, unknown
+from usbench.checks import number, probability, unknown, whole_number
 from usbench.envs.guidance import GuidanceEnv
 from usbench.envs.pose import Move, Pose
 from usbench.envs.task import REWARDS, Task, check_reward
@@ -60,7 +60,7 @@ class DecisionProcess:
 
         `starts` are where episodes begin, each as often as the others; default: the task's.
         """
-        return _returns(self, starts or self.task.starts)
+        return _returns(self, tuple(starts or self.task.starts))
 
     def policy(self) -> Policy:
         """Return the optimal policy."""
@@ -120,17 +120,12 @@ class Policy:
         return float(self.values[self._step(step), self._state(pose)])
 
     def _step(self, step: int) -> int:
-        if not 0 <= step < self.task.n_steps:
-            raise ValueError(f"step must be in [0, {self.task.n_steps - 1}], not {step!r}.")
-        return int(step)
+        return whole_number("step", step, 0, self.task.n_steps - 1)
 
     def _state(self, pose: Pose | tuple[int, ...]) -> int:
         if not isinstance(pose, Pose):
             pose = self.task.pose(dict(zip(self.task.coordinates, pose, strict=True)))
-        index = self.task.indices.get(pose)
-        if index is None:
-            raise ValueError(f"pose must be one that task {self.task.name!r} can reach, not {pose}.")
-        return index
+        return self.task.place(pose)
 
 
 class Planner:
@@ -180,7 +175,8 @@ def returns(
 
     Raises:
         TypeError: If `noise` is not a number.
-        ValueError: If `task` or `reward` is unknown, `noise` outside [0, 1], or the number of rewards wrong.
+        ValueError: If `task` or `reward` is unknown, `noise` outside [0, 1], the number of rewards wrong, or
+            a start is no pose that the task can reach.
     """
     return DecisionProcess(_task(task), noise, reward, target, _plain(rewards)).returns(starts)
 
@@ -204,7 +200,7 @@ def _plain(rewards: Sequence[float] | None) -> tuple[float, ...] | None:
 @lru_cache(maxsize=256)
 def _returns(process: DecisionProcess, poses: tuple[Pose, ...]) -> Anchors:
     task = process.task
-    starts = [task.indices[pose] for pose in poses]
+    starts = [task.place(pose) for pose in poses]
     uniform = np.full(len(task.actions), 1 / len(task.actions))
     idle = np.eye(len(task.actions))[task.stay]
     optimal = _policy(process).values[0]

@@ -83,6 +83,13 @@ class Task:
         """The place of every pose in `states`."""
         return {pose: index for index, pose in enumerate(self.states)}
 
+    def place(self, pose: Pose) -> int:
+        """Return the place of a pose in `states`; ValueError if the task cannot reach it."""
+        index = self.indices.get(pose)
+        if index is None:
+            raise ValueError(f"pose must be one that task {self.name!r} can reach, not {pose}.")
+        return index
+
 
 def check_reward(reward: object, task: Task, kinds: Collection[str] = (*REWARDS, IMAGE)) -> str:
     """Return the reward if it is one of `kinds` that the task has, or raise ValueError with the closest."""

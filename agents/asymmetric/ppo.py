@@ -72,6 +72,8 @@ class AsymmetricPPO(PPO):
     def _setup_learn(
         self, total_timesteps: int, callback: Any = None, reset_num_timesteps: bool = True, *more: Any
     ) -> tuple[int, BaseCallback]:
+        if self._last_states is None:  # they are not saved: a loaded model begins new episodes
+            self._last_obs = None
         begins = reset_num_timesteps or self._last_obs is None
         found = super()._setup_learn(total_timesteps, callback, reset_num_timesteps, *more)
         if begins:

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import torch
 from gymnasium import spaces
+from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.dqn.policies import QNetwork
 from torch.nn import functional
@@ -36,6 +37,9 @@ class Model(Protocol):
 
     def states(self, senses: Floats) -> Ints:
         """The poses `(n,)` that senses `(n, size)` tell."""
+
+
+NO_MODEL = "a belief agent knows its task: make it with a model, or set `model` after loading it."
 
 
 class Known(NamedTuple):
@@ -134,7 +138,7 @@ class BeliefAgent(Taught):
         if model is not None:
             policy_kwargs = {**(policy_kwargs or {}), "n_looks": model.n_looks}
         elif kwargs.get("_init_setup_model", True):  # SB3's `load` sets up later, from what was saved
-            raise ValueError("a belief agent knows its task: make it with a model.")
+            raise ValueError(NO_MODEL)
         self.model = model
         self._known = Known(np.zeros((0, 0), np.float32), np.zeros((0, 0), np.bool_))
         self._looks: Ints = np.zeros(0, np.int64)
@@ -148,7 +152,13 @@ class BeliefAgent(Taught):
         episode_start: npt.NDArray[Any] | None = None,
         deterministic: bool = False,
     ) -> tuple[npt.NDArray[Any], Any]:
-        """Actions for observations, and what is known then; `state` is what was known before."""
+        """Actions for observations, and what is known then; `state` is what was known before.
+
+        Raises:
+            ValueError: If there is no model: it is not saved, and has to be given again after `load`.
+        """
+        if self.model is None:
+            raise ValueError(NO_MODEL)
         seen, is_batch = self.policy.obs_to_tensor(observation)
         states = self.model.states(seen[SENSES].cpu().numpy())  # type: ignore[index]
         known = self._following(state, episode_start, seen, states)
@@ -175,6 +185,11 @@ class BeliefAgent(Taught):
         evidence = known.evidence + of_places * is_new[:, np.newaxis]
         known.visited[np.arange(n), states] = True
         return Known((evidence - evidence.max(axis=1, keepdims=True)).astype(np.float32), known.visited)
+
+    def _setup_learn(self, *args: Any, **kwargs: Any) -> tuple[int, BaseCallback]:
+        if self.model is None:
+            raise ValueError(NO_MODEL)
+        return super()._setup_learn(*args, **kwargs)
 
     def _excluded_save_params(self) -> list[str]:
         return [*super()._excluded_save_params(), "model"]

@@ -12,7 +12,7 @@ from torch.nn import functional
 
 from usbench.agents.value_based.n_step_buffer import NStepFrameBuffer
 from usbench.agents.value_based.symmetric_policy import SymmetricPolicy, SymmetricQNetwork
-from usbench.agents.value_based.views import IMAGE, shifted
+from usbench.agents.value_based.views import IMAGE, check_layout, shifted
 
 
 class DoubleDQN(DQN):
@@ -65,6 +65,9 @@ class DoubleDQN(DQN):
             symmetries: Those of the task (`usbench.envs.observation.symmetries`), None for none.
             policy_kwargs: As in SB3.
             kwargs: As in SB3.
+
+        Raises:
+            ValueError: If images have their channels in front, and there are symmetries or shifts.
         """
         self.final_learning_rate = final_learning_rate
         self.return_steps = return_steps
@@ -72,10 +75,16 @@ class DoubleDQN(DQN):
         if symmetries is not None:
             policy_kwargs = {**(policy_kwargs or {}), "symmetries": symmetries}
         kwargs.setdefault("replay_buffer_class", NStepFrameBuffer)
-        kwargs.setdefault("replay_buffer_kwargs", {"n_steps": return_steps, "gamma": gamma})
+        of_buffer = kwargs.get("replay_buffer_kwargs") or {}
+        kwargs["replay_buffer_kwargs"] = {"n_steps": return_steps, "gamma": gamma, **of_buffer}
         super().__init__(
             policy, env, learning_rate=learning_rate, gamma=gamma, policy_kwargs=policy_kwargs, **kwargs
         )
+
+    def _setup_model(self) -> None:
+        super()._setup_model()
+        if self.max_shift_px or getattr(self.policy.q_net, "views", None) is not None:
+            check_layout(self.observation_space)
 
     def predict(
         self,

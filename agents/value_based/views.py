@@ -3,7 +3,10 @@
 from typing import Any
 
 import torch
+from gymnasium import spaces
 from torch import nn
+
+from usbench.agents.networks import ImageLayout
 
 IMAGE, SENSES = "image", "senses"
 
@@ -29,6 +32,9 @@ class Views(nn.Module):
         for name in ("mirrored", "sources", "signs", "actions", "coordinates"):
             self.register_buffer(name, torch.as_tensor(getattr(symmetries, name)), persistent=False)
         self.register_buffer("firsts", self._firsts(), persistent=False)
+        # The depth of the focus is a coordinate, too, but the same in all views.
+        differs = (self.signs != self.signs[:1]).any(0) | (self.sources != self.sources[:1]).any(0)
+        self._told_where = bool((self.coordinates & differs).any())
 
     def drawn(self, n: int) -> torch.Tensor:
         """The numbers of `n` views (n,), each as probable, drawn from PyTorch's seeded generator."""
@@ -42,7 +48,7 @@ class Views(nn.Module):
         each kind is then the first of its two actions, and the left half of the last frame is the brighter
         one. Where nothing tells two views apart, it is the first of them.
         """
-        if self.coordinates.any():
+        if self._told_where:
             last = observations[SENSES][:, -self.sources.shape[1] :]
             # Views differ in the signs of coordinates: where all are positive, their sum is largest.
             score = (last[:, self.sources] * self.signs * self.coordinates).sum(-1)
@@ -99,6 +105,17 @@ class Views(nn.Module):
 
     def _images(self, images: torch.Tensor, numbers: torch.Tensor) -> torch.Tensor:
         return torch.where(self.mirrored[numbers][:, None, None, None], images.flip(2), images)
+
+
+def check_layout(space: spaces.Space[Any]) -> None:
+    """Raises ValueError unless the images of a space have their channels last, as views and shifts need."""
+    image = space[IMAGE] if isinstance(space, spaces.Dict) else space
+    assert isinstance(image, spaces.Box)
+    if ImageLayout.of(image, smallest=1).channels_first:
+        raise ValueError(
+            "symmetries and shifts need images (height, width, channels), not those that Stable-Baselines3 "
+            "transposes: wrap the environment in NormalizeImage."
+        )
 
 
 def shifted(images: torch.Tensor, largest_px: int) -> torch.Tensor:

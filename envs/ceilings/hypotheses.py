@@ -7,9 +7,11 @@ paper's and known, so that a ceiling for these eyes is an upper bound where size
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 import numpy.typing as npt
@@ -125,13 +127,20 @@ def of_distribution(task: Task, phantoms: PhantomDistribution) -> Hypotheses:
         phantoms: What its phantoms are drawn from.
 
     Raises:
-        ValueError: If the task moves the focus, which ideal eyes do not see.
+        ValueError: If the task moves the focus, which ideal eyes do not see, or places of the object are not
+            equally probable.
     """
+    each = Counter(product(phantoms.x_mm, (angle % 180 for angle in phantoms.angle_deg)))
+    if len(set(each.values())) > 1:
+        raise ValueError(
+            "places and planes (angles modulo 180 degrees) of the object must be equally probable, not "
+            f"x_mm {phantoms.x_mm} and angle_deg {phantoms.angle_deg}."
+        )
     if len({pose.focal_depth_mm for pose in task.states}) > 1:
         raise ValueError(f"the task {task.name!r} moves the focus, which ideal eyes do not see.")
     depth = task.states[0].focal_depth_mm
     angles = sorted({angle % 180 for angle in phantoms.angle_deg})
-    targets = tuple(Pose(x_mm, depth, angle) for x_mm in phantoms.x_mm for angle in angles)
+    targets = tuple(Pose(x_mm, depth, angle) for x_mm in dict.fromkeys(phantoms.x_mm) for angle in angles)
     known: dict[tuple[int, int, int], int] = {}
     pictures: list[Picture] = []
     seen = np.zeros((len(task.states), len(targets)), dtype=np.int64)

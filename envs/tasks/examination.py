@@ -119,7 +119,7 @@ class ExaminationStopEnv(GuidanceEnv):
 
     ## Rewards
     As in `ExaminationEnv`; stopping earns the reward of the pose for each of the steps that are left, this
-    one among them, as if the probe were held there.
+    one among them, as if the probe were held there. They are counted to 24, whatever `max_episode_steps` is.
 
     ## Episode End
     Terminated by stopping, truncated after 24 steps.

@@ -8,6 +8,7 @@ import reprlib
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
 from functools import cache
+from itertools import product
 from typing import Any, ClassVar
 
 import numpy as np
@@ -51,8 +52,8 @@ class PhantomDistribution:
     Raises:
         TypeError: If a value is no sequence, or one in it or `count` is not a number.
         ValueError: If there is no position, depth or angle, or one is not whole, `scale` or `contrast` are
-            not two positive numbers, the least first, or `count` is less than 1 or larger than the numbers
-            there are.
+            not two positive numbers, the least first, an object would not lie inside of the phantom, or
+            `count` is less than 1 or larger than the numbers there are.
     """
 
     x_mm: tuple[int, ...]
@@ -70,6 +71,10 @@ class PhantomDistribution:
             object.__setattr__(self, name, _span(name, getattr(self, name)))
         if self.count is not None:
             object.__setattr__(self, "count", whole_number("n_phantoms", self.count, 1, FIRST_HELD_OUT))
+        # Where the largest objects at the ends lie inside, all do.
+        ends = [(min(values), max(values)) for values in (self.x_mm, self.depth_mm)]
+        for place in product(*ends, self.angle_deg):
+            Phantom(object_of_interest=ObjectOfInterest(*place, scale=self.scale[1]))
 
     @property
     def digest(self) -> str:
@@ -178,10 +183,15 @@ class RandomPhantomEnv(GuidanceEnv):
         if isinstance(options, dict) and "phantom" in options:
             options = dict(options)
             number = phantom_number(options.pop("phantom"))
+        before = self.phantom, self.target, self._frames
         self.phantom = self.phantoms.phantom(number)
         self.target = self.phantom.target
         self._frames = None
-        super().start(options=options)
+        try:
+            super().start(options=options)
+        except (TypeError, ValueError):  # a reset that is refused leaves the episode as it is
+            self.phantom, self.target, self._frames = before
+            raise
 
     def _info(self, displaced: dict[str, int]) -> dict[str, Any]:
         return {**super()._info(displaced), "phantom": self.phantom.seed, **self._target_info()}

@@ -2,10 +2,12 @@
 
 import pickle
 
+import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium import spaces
 from stable_baselines3.common.buffers import ReplayBuffer
+from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 from usbench.agents.frame_buffer import FrameReplayBuffer
 
@@ -77,6 +79,17 @@ def test_buffer_put_back_from_its_state_goes_on_as_it_did(n):
     for one, other in zip(sampled(buffer)[:5], sampled(again)[:5], strict=True):
         np.testing.assert_array_equal(one, other)
     np.testing.assert_array_equal(buffer._frames.arrays, again._frames.arrays)
+
+
+def test_normalised_observations_are_refused():
+    class Images(gym.Env):
+        observation_space, action_space = STACKS, ACTIONS
+
+    env = VecNormalize(DummyVecEnv([Images]))
+    buffer = filled(FrameReplayBuffer(50, STACKS, ACTIONS, "cpu"), 20)
+    with pytest.raises(ValueError, match=r"no VecNormalize that changes observations \(norm_obs=True\)"):
+        buffer.sample(4, env=env)
+    buffer.sample(4, env=VecNormalize(DummyVecEnv([Images]), norm_obs=False))
 
 
 def test_state_of_a_larger_buffer_is_refused():

@@ -146,7 +146,11 @@ def test_bad_arguments_are_refused(arguments, error, message):
 
 def test_a_step_or_pose_outside_the_episode_is_refused():
     best = policy("fp")
-    with pytest.raises(ValueError, match=r"step must be in \[0, 15\], not 16"):
-        best.action(16, (0, 50, 0))
+    for step in (16, 1.5):
+        with pytest.raises(ValueError, match=rf"step must be a whole number in \[0, 15\], not {step}"):
+            best.action(step, (0, 50, 0))
     with pytest.raises(ValueError, match="pose must be one that task 'fp' can reach"):
         best.action(0, (0, 50, 15))
+    with pytest.raises(ValueError, match="pose must be one that task 'fp' can reach"):
+        returns("fp", starts=(Pose(1, 50, 0),))
+    assert returns("fp", starts=[Pose(0, 50, 0)]) == returns("fp", starts=(Pose(0, 50, 0),))

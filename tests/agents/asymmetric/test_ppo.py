@@ -129,6 +129,14 @@ def test_a_saved_model_knows_no_truth_and_acts_as_before(tmp_path):
     assert loaded.learn(32, reset_num_timesteps=False).num_timesteps > agent.num_timesteps
 
 
+def test_a_loaded_model_goes_on_with_new_episodes(tmp_path):
+    model().learn(64).save(tmp_path / "model.zip")
+    env = DummyVecEnv([Signs] * 2)
+    again = AsymmetricPPO.load(tmp_path / "model.zip", env=env, device="cpu", force_reset=False)
+    again.learn(64, reset_num_timesteps=False)
+    assert again.num_timesteps == 128
+
+
 def test_refuses_environments_without_truth_and_other_actions():
     with pytest.raises(ValueError, match="the info of the environment must tell a state"):
         model(Untold).learn(32)

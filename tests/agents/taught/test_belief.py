@@ -130,6 +130,17 @@ def test_refuses_tasks_that_it_does_not_know(task, setting, words):
         resolve("belief", task, **setting)
 
 
+def test_a_loaded_agent_asks_for_its_model(agent, tmp_path):
+    agent.save(tmp_path / "model.zip")
+    loaded = BeliefAgent.load(tmp_path / "model.zip", env=agent.get_env(), device="cpu")
+    observation = SETTING.make_env().observation_space.sample()
+    for use in (lambda: loaded.predict(observation), lambda: loaded.learn(64)):
+        with pytest.raises(ValueError, match="set `model` after loading it"):
+            use()
+    loaded.model = agent.model
+    loaded.predict(observation)
+
+
 def test_refuses_to_be_made_without_a_model():
     env = DummyVecEnv([SETTING.make_env])
     with pytest.raises(ValueError, match="a belief agent knows its task: make it with a model"):

@@ -2,6 +2,7 @@
 
 from types import SimpleNamespace
 
+import gymnasium as gym
 import numpy as np
 import pytest
 import symmetric
@@ -117,6 +118,34 @@ def test_symmetric_observations_have_symmetric_values(number):
         there = network(network.views.observations(seen, numbers))
     assert values.std(dim=1).min() > 1e-4
     torch.testing.assert_close(network.views.values_from(there, numbers), values)
+
+
+@pytest.mark.parametrize(("task", "senses"), [("fp", ("focus",)), ("exam", ("focus", "actions"))])
+def test_the_focus_alone_tells_no_view_from_another(task, senses):
+    setting = Setting(task=task, senses=senses)
+    views = Views(setting.symmetries())
+    images = torch.randn(1, 90, 40, 1, generator=torch.Generator().manual_seed(0))
+    told = torch.zeros(2, views.sources.shape[1])
+    seen = {"image": torch.cat([images, images.flip(2)]), "senses": told}
+    first, second = views.canonical(seen).tolist()
+    assert views.mirrored[first] != views.mirrored[second]
+
+
+@pytest.mark.parametrize("settings", [{"symmetries": SYMMETRIES}, {"max_shift_px": 2}])
+def test_images_with_channels_in_front_have_no_views_and_shifts(settings):
+    class Transposed(gym.Env):
+        observation_space, action_space = spaces.Box(0, 255, (1, 40, 30), np.uint8), spaces.Discrete(5)
+
+    with pytest.raises(ValueError, match="need images .height, width, channels.*NormalizeImage"):
+        DoubleDQN("CnnPolicy", DummyVecEnv([Transposed]), buffer_size=10, **settings)
+
+
+def test_arguments_of_the_buffer_leave_its_returns_as_they_are():
+    given = {"handle_timeout_termination": True}
+    env = DummyVecEnv([Signs])
+    agent = DoubleDQN("MlpPolicy", env, gamma=0.5, return_steps=2, buffer_size=10, replay_buffer_kwargs=given)
+    assert (agent.replay_buffer.n_steps, agent.replay_buffer.gamma) == (2, 0.5)
+    assert given == {"handle_timeout_termination": True}
 
 
 def test_every_view_is_drawn_as_often():

@@ -173,3 +173,9 @@ def test_features_are_those_around_the_object_whatever_gain_and_depth():
 def test_a_task_that_moves_the_focus_is_refused():
     with pytest.raises(ValueError, match="the task 'exam' moves the focus, which ideal eyes do not see"):
         hypotheses.of_distribution(EXAMINATION, FEW)
+
+
+def test_places_that_are_not_equally_probable_are_refused():
+    hypotheses.of_distribution(SMALL, PhantomDistribution((0,), (50,), (0, 180, 90, 270)))
+    with pytest.raises(ValueError, match=r"equally probable, not x_mm .0,. and angle_deg .0, 180, 90."):
+        hypotheses.of_distribution(SMALL, PhantomDistribution((0,), (50,), (0, 180, 90)))

@@ -180,6 +180,21 @@ def test_distributions_from_which_nothing_can_be_drawn_are_refused(values, error
     assert str(refused.value) == said
 
 
+@pytest.mark.parametrize(("x_mm", "depth_mm"), [(25, 50), (0, 5), (0, -5)])
+def test_distributions_with_objects_outside_of_the_phantom_are_refused(x_mm, depth_mm):
+    with pytest.raises(ValueError, match="the object must lie inside the phantom"):
+        PhantomDistribution((0, x_mm), (50, depth_mm), (0, 90))
+
+
+def test_a_refused_reset_leaves_the_episode_as_it_is():
+    env = ENVS[0]()
+    env.start(seed=0)
+    before = env.phantom, env.target, env.pose
+    with pytest.raises(ValueError, match="x_mm"):
+        env.reset(options={"x_mm": 100})
+    assert (env.phantom, env.target, env.pose) == before
+
+
 def test_a_distribution_holds_plain_numbers_in_tuples():
     plain = PhantomDistribution((0, 5), (50,), (0, 90), (1.0, 1.0), (5.0, 10.0), count=3)
     same = PhantomDistribution([0, 5.0], np.array([50]), range(0, 91, 90), [1, 1], np.array([5, 10]), count=3)
