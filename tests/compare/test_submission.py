@@ -101,6 +101,21 @@ def of_no_list(rows):
     rows[-1]["eval_episode"] = 10_000
 
 
+def of_fractions(rows):
+    """Other numbers, which all mean the easiest episode where they are cut to whole ones."""
+    easiest = {row["deterministic"]: row for row in rows if row["eval_episode"] == 0}
+    for row in rows:
+        row |= easiest[row["deterministic"]] | {
+            "eval_episode": row["eval_episode"] / 1000,
+            "checkpoint": row["checkpoint"],
+        }
+
+
+def from_the_end(rows):
+    """One episode twice: the list's last one, by a number that counts from its end."""
+    rows[-2] |= rows[-1] | {"eval_episode": -1}
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [
@@ -115,6 +130,8 @@ def of_no_list(rows):
         (sooner, "has the steps to goal "),
         (infinite, "cannot be played again"),
         (of_no_list, "cannot be played again"),
+        (of_fractions, "are not the episodes 0 to"),
+        (from_the_end, "are not the episodes 0 to"),
     ],
 )
 def test_a_forged_evaluation_is_found(runs, change, said):

@@ -148,15 +148,18 @@ def _of_training(trial: Trial, episodes: pd.DataFrame) -> list[str]:
 def _of_evaluations(trial: Trial, evaluations: pd.DataFrame) -> list[str]:
     """Return what is missing of the evaluations: every point has every episode of the list once."""
     points = suite.evaluation_points(trial.config.task, trial.config.steps)
-    n_episodes = len(suite.evaluation_episodes(trial.config.task))
+    every = list(range(len(suite.evaluation_episodes(trial.config.task))))
     if evaluations.empty:
         return ["it has no evaluations."]
     for greedy in (True, False):
         rows = evaluations[evaluations["deterministic"] == greedy]
-        counted = rows.groupby("checkpoint")["eval_episode"].agg(["nunique", "size"])
-        if tuple(counted.index) != points or not (counted == n_episodes).all(axis=None):
+        played = {point: sorted(own) for point, own in rows.groupby("checkpoint")["eval_episode"]}
+        if tuple(played) != points or any(own != every for own in played.values()):
             kind = "greedy" if greedy else "sampled"
-            return [f"its evaluations with {kind} actions are not {n_episodes} episodes at each of {points}."]
+            return [
+                f"its evaluations with {kind} actions are not the episodes 0 to {every[-1]}, each once, "
+                f"at each of {points}."
+            ]
     return []
 
 
