@@ -14,10 +14,10 @@ from rich.console import Console
 from rich.table import Column, Table
 
 from usbench import records, suite
+from usbench.compare import plan, protocol
 from usbench.envs.frames import frame_store
 from usbench.figures import episode_ends, look_alikes, style
 from usbench.results import sources, tables
-from usbench.results.protocol import further
 from usbench.setting import make_env
 
 NOT_DRAWN = ("random", "stay")
@@ -34,12 +34,11 @@ def frames(task: str) -> np.ndarray:
 def ends_of(runs: Path) -> pd.DataFrame | None:
     """Return how episodes of the paper's tasks end, of the finished trials of the protocol's grid in `runs`.
 
-    None where there are none. Trials of the further tables, with other frames, networks or budgets, are not
-    among them.
+    None where there are none. Trials with other seeds, settings or steps than the grid's are not among them.
     """
     if not runs.is_dir() or (evaluations := records.load(runs)).empty:
         return None
-    trials = further.first(tables.collect(runs)).trials
+    trials = tables.collect(runs, plan.by_protocol(protocol.read())).trials
     own = trials[(trials["status"] == "finished") & trials["task"].isin(suite.PAPER)]
     chosen = evaluations[evaluations["trial"].isin(own["trial"])]
     return None if chosen.empty else episode_ends.shares(chosen)

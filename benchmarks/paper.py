@@ -174,8 +174,13 @@ def sometimes(known: Results, ends: pd.DataFrame, kind: str) -> tuple[str, str]:
 
 
 def endings(known: Results, ends: pd.DataFrame) -> tuple[Sentence, Sentence]:
-    """Return the two sentences on single episodes, from the shares that `episode_ends.shares` tells."""
+    """Return the two sentences on single episodes, from the shares that `episode_ends.shares` tells.
+
+    Raises:
+        ValueError: If the shares are not those of the trials of `known`.
+    """
     own = ends[ends["algo"] == AGENT]
+    _check_seeds(known, own)
     depth, plane = own[own["task"] == "fp"], own[own["task"] == "pp"]
     too_deep, misses = sometimes(known, depth, "too_deep")
     long_way, turns = sometimes(known, plane, "long_way")
@@ -206,6 +211,18 @@ def endings(known: Results, ends: pd.DataFrame) -> tuple[Sentence, Sentence]:
             ),
         ),
     )
+
+
+def _check_seeds(known: Results, ends: pd.DataFrame) -> None:
+    """Raise ValueError unless each row of `ends` is of as many trials as `known` has in its cell."""
+    n_trials = known.trials.groupby(scores.CELL).size()
+    for row in ends.itertuples():
+        n_known = n_trials.get((row.task, row.noise), 0)
+        if row.seeds != n_known:
+            raise ValueError(
+                f"the row of {row.algo} on {Cell(row.task, row.noise).name} in {ENDS.name} is of {row.seeds} "
+                f"trials, and must be of all {n_known} of the leaderboard."
+            )
 
 
 def episodes(ends: pd.DataFrame, shares: Mapping[str, pd.Series]) -> str:

@@ -46,3 +46,10 @@ def test_one_episode_is_not_sometimes(share, said):
     ends = pd.DataFrame([{"task": "fp", "noise": 0.0, "too_deep": share}])
     found = paper.sometimes(known, ends, "too_deep")
     assert found == (f"{said} episodes end so.", paper.FAILS if share < 0.01 else paper.HOLDS)
+
+
+def test_shares_of_fewer_trials_than_the_leaderboard_has_are_refused():
+    known = made(*seeds("vpg", [0.5] * 10))
+    of_one = pd.DataFrame([{"task": "fp", "noise": 0.0, "algo": "vpg", "seeds": 1}])
+    with pytest.raises(ValueError, match=r"vpg on fp, noise 0 in ends.csv is of 1 trials, .* all 10"):
+        paper.endings(known, of_one)
