@@ -60,8 +60,8 @@ def main() -> None:
         frames = []
         for name, variables in (("here", {}), ("plain", plain())):
             path = Path(folder) / f"{name}.npz"
-            # Compiled code is kept apart, since it is made for one kind of processor.
-            own = {"NUMBA_CACHE_DIR": f"{folder}/{name}"}
+            # Compiled code and tables are kept apart, since they are made by one kind of processor.
+            own = {"NUMBA_CACHE_DIR": f"{folder}/{name}", "USBENCH_CACHE": f"{folder}/{name}-cache"}
             command = [sys.executable, __file__, "--write", str(path)]
             subprocess.run(command, env={**os.environ, **own, **variables}, check=True)
             frames.append(dict(np.load(path)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import hashlib
+import os
 import platform
 from importlib import metadata
 from pathlib import Path
@@ -14,9 +15,14 @@ LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "opencv-python-headless")
 
 
 def code_hash(*first: str) -> str:
-    """Return a hash of the modules `first` and what they import, the libraries, and the processor."""
+    """Return a hash of the modules `first` and what they import, the libraries, and the processor.
+
+    The processor is the one that Numba compiles for, which its environment variables may set.
+    """
     versions = [f"{name} {metadata.version(name)}" for name in LIBRARIES]
-    processor = (platform.machine(), llvmlite.binding.get_host_cpu_name())
+    name = os.environ.get("NUMBA_CPU_NAME") or llvmlite.binding.get_host_cpu_name()
+    features = os.environ.get("NUMBA_CPU_FEATURES")
+    processor = (platform.machine(), name, *(() if features is None else (features,)))
     return hash_of((sorted(sources(*first).items()), versions, processor))
 
 

@@ -103,6 +103,16 @@ def test_every_source_of_a_table_is_in_its_key(monkeypatch):
         assert table_files._code() != table_files.CODE, name
 
 
+def test_the_processor_that_numba_compiles_for_is_in_its_key(monkeypatch):
+    for key in ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES"):
+        monkeypatch.delenv(key, raising=False)
+    found = {sources.code_hash("field.response_table")}
+    for key, value in (("NUMBA_CPU_NAME", "generic"), ("NUMBA_CPU_FEATURES", "+avx")):
+        monkeypatch.setenv(key, value)
+        found.add(sources.code_hash("field.response_table"))
+    assert len(found) == 3
+
+
 # Files that are not to be trusted
 
 
