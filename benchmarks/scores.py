@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 from usbench import records
+from usbench.results.tables import digest
 
 CELL = ["algo", "task", "settings", "deterministic"]
 
@@ -46,7 +47,7 @@ def trials(out: Path) -> pd.DataFrame:
     for trial in finished:
         others = kinds[_kind(trial)]
         own = [
-            f"{key}={value:g}"
+            f"{key}={value}" if isinstance(value, str) else f"{key}={value:g}"
             for key, value in _settings(trial).items()
             if any(key not in other or other[key] != value for other in others)
         ]
@@ -60,9 +61,11 @@ def _kind(trial: records.Trial) -> tuple[str, str]:
 
 
 def _settings(trial: records.Trial) -> dict[str, object]:
+    """Return what makes an agent another one, its environment as a digest."""
     config = trial.config
-    cell = {key: getattr(config, key) for key in ("noise", "steps", "n_frames")}
-    return {**config.hyperparameters, **cell}
+    cell = {key: getattr(config, key) for key in ("noise", "steps", "n_frames", "n_envs")}
+    environment = digest(records.identity({"environment": config.environment})["environment"])
+    return {**config.hyperparameters, **cell, "environment": environment}
 
 
 def table(out: Path) -> Table:
