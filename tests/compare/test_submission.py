@@ -233,6 +233,17 @@ def test_a_submission_is_written_checked_again_and_added(runs, capsys):
     assert "1 of 2 trials are not verified, nothing is written; pp-p0-dqn-s100" in error
 
 
+def test_the_folder_of_a_submission_holds_its_trials_alone_and_is_no_source(runs, capsys):
+    one, other = records.trial_folders(runs)
+    submission.write([one, other], Path("submission"))
+    shutil.rmtree(other)
+    assert cli.main(["submit", "mine"]) == 2
+    told = f"the folder 'submission' holds trials that are not in 'mine', as {other.name}: remove them"
+    assert told in capsys.readouterr().err
+    assert cli.main(["submit", "submission"]) == 2
+    assert "already: usbench submit submission --check checks them." in capsys.readouterr().err
+
+
 def test_what_is_added_without_being_verified_is_marked(runs, capsys, monkeypatch):
     monkeypatch.setattr("usbench.figures.comparison.write", lambda *_: [])
     known = tables.collect(runs)

@@ -45,6 +45,8 @@ def _call(args: argparse.Namespace) -> None:
         if not args.quiet:
             print(text, file=sys.stderr, flush=True)
 
+    if not args.check:
+        _check_place(args.trials, args.out)
     found = submission.check(args.trials, tell)
     wrong = {folder.name: told for folder, told in found.items() if told}
     if wrong:
@@ -57,3 +59,21 @@ def _call(args: argparse.Namespace) -> None:
     print(f"verified: {len(found)} of {len(found)} trials")
     if not args.check:
         print(submission.write(list(found), args.out))
+
+
+def _check_place(runs: Path, out: Path) -> None:
+    """Raise ConfigurationError if `out` would hold more than the trials in `runs`, or holds them already."""
+    from usbench import records
+    from usbench.checks import ConfigurationError
+
+    folders = {folder.name: folder for folder in (records.trial_folders(runs) if runs.is_dir() else [])}
+    if any(folder.resolve() == (out / name).resolve() for name, folder in folders.items()):
+        raise ConfigurationError(
+            f"the trials are in the folder {str(out)!r} already: usbench submit {out} --check checks them."
+        )
+    others = [folder.name for folder in records.trial_folders(out) if folder.name not in folders]
+    if others:
+        raise ConfigurationError(
+            f"the folder {str(out)!r} holds trials that are not in {str(runs)!r}, as {others[0]}: remove "
+            "them, or choose another folder with --out."
+        )
