@@ -19,12 +19,12 @@ from unseen_phantoms import drawing, trial_table
 from unseen_phantoms.measuring import measured
 from unseen_phantoms.studies import STUDIES, TASK, Study, Variant
 
-from usbench import seed_pools
+from usbench import seed_pools, suite
 from usbench.cli.output import sweep_output
 from usbench.compare import plan, sweep
 from usbench.compare.sweep import Outcome
 from usbench.envs.threads import n_threads
-from usbench.records import Trial, TrialConfig
+from usbench.records import ConfigurationError, Trial, TrialConfig
 
 DOCS = Path(__file__).parents[1] / "docs"
 
@@ -50,11 +50,13 @@ def run(table: str, study: Study, out: Path, csv: Path, jobs: int) -> None:
     All rows with the first seed are first.
 
     Raises:
+        ConfigurationError: If a trial would end before an episode.
         RuntimeError: If a trial failed.
     """
     planned: dict[str, tuple[TrialConfig, Variant]] = {}
     for seed, steps, variant in product(range(study.n_seeds), study.steps, study.variants):
         config = variant.config(steps, seed)
+        _check_steps(config)
         planned[config.folder_name] = config, variant
     missing = set(planned)
 
@@ -70,6 +72,16 @@ def run(table: str, study: Study, out: Path, csv: Path, jobs: int) -> None:
             add(outcome.config)
     if failed := sweep_output.failures(outcomes):
         raise RuntimeError("; ".join(failed))
+
+
+def _check_steps(config: TrialConfig) -> None:
+    """Raise ConfigurationError unless episodes end in the trial: their phantoms are the known ones."""
+    least = config.n_envs * suite.TASKS[config.task].n_steps
+    if config.steps < least:
+        raise ConfigurationError(
+            f"steps must be at least {least}, an episode in each of {config.n_envs} environments, not "
+            f"{config.steps}."
+        )
 
 
 def show(table: str, study: Study, csv: Path) -> None:
@@ -104,9 +116,11 @@ def main() -> None:
         print(*drawing.write(trial_table.read(args.csv), args.figures), sep="\n")
         return
     jobs = plan.positive("jobs", args.jobs)
+    steps = tuple(plan.positive("steps", own) for own in args.steps or ())
+    n_seeds = None if args.seeds is None else plan.positive("seeds", args.seeds)
     for table in args.tables:
         own = STUDIES[table]
-        study = replace(own, steps=tuple(args.steps or own.steps), n_seeds=args.seeds or own.n_seeds)
+        study = replace(own, steps=steps or own.steps, n_seeds=n_seeds or own.n_seeds)
         for seed in range(study.n_seeds):
             seed_pools.own().check("development", seed)
         try:

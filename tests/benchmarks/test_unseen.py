@@ -91,9 +91,19 @@ def test_figures_are_drawn_without_training(call, monkeypatch, tmp_path, capsys)
     assert (tmp_path / "unseen_scaling.png").exists()
 
 
-def test_no_job_is_refused(call):
-    with pytest.raises(ConfigurationError, match="jobs must be a whole number from 1, not 0"):
-        call("--tables", "gap", "--jobs", 0)
+@pytest.mark.parametrize(
+    ("option", "value", "said"),
+    [
+        ("--jobs", 0, "jobs must be a whole number from 1, not 0"),
+        ("--seeds", 0, "seeds must be a whole number from 1, not 0"),
+        ("--seeds", -1, "seeds must be a whole number from 1, not -1"),
+        ("--steps", 0, "steps must be a whole number from 1, not 0"),
+        ("--steps", 8, "steps must be at least 128, an episode in each of 8 environments, not 8"),
+    ],
+)
+def test_numbers_that_train_nothing_are_refused(call, option, value, said):
+    with pytest.raises(ConfigurationError, match=said):
+        call("--tables", "gap", option, value)
 
 
 def test_seeds_of_comparisons_are_refused(call):
