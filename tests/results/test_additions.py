@@ -5,7 +5,7 @@ import pytest
 from made_tables import made, trial
 
 from usbench.checks import ConfigurationError
-from usbench.results import additions
+from usbench.results import additions, published, tables
 
 
 def test_trials_that_are_added_to_tables_give_what_all_together_give():
@@ -80,3 +80,12 @@ def test_an_unfinished_trial_has_nothing_to_verify():
     added = made(trial("vpg", 0.6, seed=100), trial("ppo", seed=101))
     assert additions.add(known, added).new == [added.trials["trial"][1]]
     assert additions.add(known, added, replace=True).new == list(added.trials["trial"])
+
+
+def test_the_packages_tables_come_with_the_names_that_are_not_verified(monkeypatch, tmp_path):
+    package, own = tmp_path / "package", tmp_path / "own"
+    own.mkdir()
+    monkeypatch.setattr(published, "folder", lambda: package)
+    tables.write(made(trial()), package)
+    additions.mark_unverified(package, [], ["mine"])
+    assert published.bring(own) and additions.unverified(own) == ["mine"]

@@ -4,7 +4,7 @@ import shutil
 from importlib import resources
 from pathlib import Path
 
-from usbench.results import tables
+from usbench.results import additions, tables
 
 # What stands for their folder where a folder of trials or of tables is named.
 NAME = "published"
@@ -21,9 +21,12 @@ def or_own(own: Path) -> Path:
 
 
 def bring(own: Path) -> bool:
-    """Copy the tables that come with the package into the folder `own`, if it holds none; return whether."""
+    """Copy the tables that come with the package into the folder `own`, if it holds none; return whether.
+
+    The names of those trials that are not verified come with them.
+    """
     if (own / tables.TRIALS).exists():
         return False
-    for path in sorted(folder().glob("*.csv")):
+    for path in sorted([*folder().glob("*.csv"), *folder().glob(additions.UNVERIFIED)]):
         shutil.copyfile(path, own / path.name)
     return True
