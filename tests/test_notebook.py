@@ -28,6 +28,9 @@ def test_code_runs_from_the_committed_records(quick, monkeypatch, tmp_path):
             assert axis.get_xlabel() and axis.get_ylabel() and axis.lines
         names["plt"].close("all")
     assert not names["scores"].empty and names["scores"]["normalized_score"].between(-1, 1.2).all()
+    learned = names["scores"].merge(names["results"].trials[["trial", "steps"]]).query("steps > 0")
+    learned = learned[learned["task"].isin(("fp", "pp"))]
+    assert set(learned.groupby(["task", "noise", "algo"]).size()) == {10}  # none of another table
     assert set(names["evaluations"]["algo"]) == {"random"}
     assert names["state"].status == "finished"
 
