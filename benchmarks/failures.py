@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.table import Column, Table
 
 from usbench import records, suite
+from usbench.checks import ConfigurationError
 from usbench.compare import plan, protocol
 from usbench.envs.frames import frame_store
 from usbench.figures import episode_ends, look_alikes, style
@@ -44,6 +45,16 @@ def ends_of(runs: Path) -> pd.DataFrame | None:
     return None if chosen.empty else episode_ends.shares(chosen)
 
 
+def scores_of(runs: Path, others: Path) -> pd.DataFrame:
+    """Return scores by the frames of an observation, of `others` and of the folder `runs` if there is one.
+
+    Raises:
+        ConfigurationError: If there is no folder `others`, or records are broken.
+    """
+    folders = [*([runs] if runs.is_dir() else []), others]
+    return episode_ends.by_frames(sources.gather(folders))
+
+
 def printed(rows: pd.DataFrame, title: str) -> Table:
     """Return `rows` as a table: numbers with two digits, an empty cell where there is no number."""
     columns = [Column(str(name).replace("_", " "), overflow="fold") for name in rows.columns]
@@ -62,6 +73,10 @@ def main() -> None:
     parser.add_argument("--figure", type=Path, help="also draw the look-alikes here (PNG, SVG or PDF)")
     parser.add_argument("--ends", type=Path, help="also draw here how episodes end; the table .csv beside it")
     args = parser.parse_args()
+    try:
+        by_frames = scores_of(args.runs, args.frames) if args.frames else None
+    except ConfigurationError as error:
+        parser.error(str(error))
     known = {suite.TASKS[task].guidance: frames(task) for task in suite.PAPER}
     console = Console(width=110)
     for task, own in known.items():
@@ -80,10 +95,8 @@ def main() -> None:
         console.print(printed(ends, "How episodes end, greedy actions, as shares"))
         if args.ends:
             style.save(episode_ends.draw(ends[~ends["algo"].isin(NOT_DRAWN)]), args.ends)
-    if args.frames:
-        folders = [folder for folder in (args.runs, args.frames) if folder.is_dir()]
-        rows = episode_ends.by_frames(sources.gather(folders))
-        console.print(printed(rows, "Scores by the frames of an observation"))
+    if by_frames is not None:
+        console.print(printed(by_frames, "Scores by the frames of an observation"))
 
 
 if __name__ == "__main__":
