@@ -8,6 +8,7 @@ deviation of the agent's scores over the seeds of the cell.
 """
 
 import argparse
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from rich.console import Console
 from rich.table import Table
 
 from usbench.checks import whole_number
-from usbench.cli.output.sweep_output import SweepBars
+from usbench.cli.output import sweep_output
 from usbench.compare import plan, protocol, sweep
 from usbench.records import Trial, TrialConfig
 from usbench.results import leaderboard, tables
@@ -75,12 +76,16 @@ def main() -> None:
         chosen = drawn(known, args.draw, args.trials)
     except ValueError as error:
         parser.error(str(error))
-    with SweepBars() as bars:
-        sweep.run(chosen, args.out, bars, jobs=args.jobs)
+    with sweep_output.SweepBars() as bars:
+        outcomes = sweep.run(chosen, args.out, bars, jobs=args.jobs)
     shown = Table(*COLUMNS)
-    for config in chosen:
+    finished = {outcome.config.folder_name for outcome in outcomes if outcome.reason is None}
+    for config in (config for config in chosen if config.folder_name in finished):
         shown.add_row(*row(known, config, args.out))
-    Console(width=130).print(shown)
+    if shown.rows:
+        Console(width=130).print(shown)
+    if failed := sweep_output.failures(outcomes):
+        sys.exit("; ".join(failed))
 
 
 if __name__ == "__main__":

@@ -1,11 +1,13 @@
 """Trials of the leaderboard that are drawn to be trained again."""
 
+import sys
 from pathlib import Path
 
 import again
 import numpy as np
 import pytest
 
+from usbench.compare.sweep import Outcome
 from usbench.results import scores, tables
 from usbench.results.tables import GREEDY
 
@@ -43,3 +45,18 @@ def test_scores_and_spread_are_those_of_the_cell(known):
 def test_a_draw_that_cannot_be_is_refused(known, number, n_trials, words):
     with pytest.raises(ValueError, match=words):
         again.drawn(known, number, n_trials)
+
+
+def test_a_trial_that_failed_is_told_after_the_rows_of_the_others(known, monkeypatch, capsys):
+    def run(configs, *_, **__):
+        return [Outcome(config, reason) for config, reason in zip(configs, (None, "no disk"), strict=True)]
+
+    monkeypatch.setattr(again.tables, "read", lambda _: known)
+    monkeypatch.setattr(again.sweep, "run", run)
+    monkeypatch.setattr(again, "row", lambda _, config, __: (config.title, *"12345"))
+    monkeypatch.setattr(sys, "argv", ["again.py", "--draw", "1"])
+    done, failed = again.drawn(known, 1, 2)
+    with pytest.raises(SystemExit, match=f"^{failed.title} failed: no disk$"):
+        again.main()
+    shown = capsys.readouterr().out
+    assert done.title in shown and failed.title not in shown
