@@ -15,6 +15,7 @@ from usbench.checks import ConfigurationError
 from usbench.compare import submission
 from usbench.records import checksums
 from usbench.results import additions, leaderboard, tables
+from usbench.setting import Setting
 from usbench.trials import runner
 from usbench.trials.configuration import resolve
 
@@ -202,6 +203,16 @@ def test_other_frames_are_told_and_refuse_nothing(runs, capsys):
     assert told.startswith(f"{folders[0].name} has seen other frames")
     assert cli.main(["submit", "mine"]) == 0
     assert told in capsys.readouterr().err
+
+
+def test_frames_of_an_earlier_version_of_a_task_are_compared_with_its_own(runs):
+    folder, told = records.trial_folders(runs)[0], []
+    state = read_state(folder)
+    state["config"] |= {"task": "setup", "environment": Setting(task="setup-v0").record()}
+    state["frames"]["digest"] = Setting(task="setup-v0").prepare_frames().digest
+    write_state(folder, state)
+    assert submission.other_frames([folder], told.append) == []
+    assert told[0].startswith("frames of setup-v0, ")
 
 
 def test_one_that_is_not_finished_is_found(runs):

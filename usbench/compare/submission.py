@@ -84,7 +84,7 @@ def other_frames(folders: Sequence[Path], tell: Callable[[str], None] = lambda _
     for trial in (Trial.read(folder) for folder in folders):
         if trial.frames is None:
             continue
-        setting = Setting(task=trial.config.task)
+        setting = Setting(task=Setting.recorded(trial.config).task)
         if setting not in digests:
             tell(f"frames of {setting.task}, to compare their digest; those that are not kept are simulated")
             digests[setting] = setting.prepare_frames().digest
