@@ -99,6 +99,7 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=512, help="steps of a turn (default 512)")
     parser.add_argument("--operators", action="store_true", help="what takes the time, by PyTorch's profiler")
     args = parser.parse_args()
+    torch.set_num_threads(1)  # before the peaks that the title tells
     console = Console(width=110)
     if args.operators:
         for algo in args.algos:
