@@ -87,7 +87,7 @@ check-docker:  ## build the image of the Dockerfile and run the tests in it (nee
 compare: $(STAMP)  ## run what is missing of the paper's grid for every algorithm (many hours), write runs/leaderboard.md
 	$(BIN)/usbench compare
 
-leaderboard: $(STAMP)  ## write leaderboard.md, its figures and docs/paper.md again, from leaderboard_files/ and search/ alone
+leaderboard: $(STAMP)  ## write leaderboard.md, its figures and docs/paper.md again, from leaderboard_files/, search/ and docs/ends.csv alone
 	$(BIN)/usbench leaderboard --search search
 	$(BIN)/python benchmarks/paper.py
 
@@ -106,7 +106,7 @@ bench-train: $(STAMP)  ## time and memory that training takes, beside plain scri
 coverage: $(STAMP)  ## how often the leaderboard's intervals hold the truth, by simulation (half an hour)
 	$(BIN)/python benchmarks/intervals.py
 
-paper: $(STAMP)  ## write docs/paper.md, the paper's results beside ours, from leaderboard_files/ alone
+paper: $(STAMP)  ## write docs/paper.md, the paper's results beside ours, from leaderboard_files/ and docs/ends.csv alone
 	$(BIN)/python benchmarks/paper.py
 
 task-pages: $(STAMP)  ## write the page and the moving picture of every task into docs/environments (some minutes)
@@ -135,4 +135,4 @@ release-agents: $(STAMP)  ## build the trained agents that come with the package
 
 clean:  ## remove the environment, builds and caches (runs/ stays)
 	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
-	find usbench envs agents tests -name __pycache__ -type d -prune -exec rm -rf {} +
+	find usbench envs agents benchmarks leaderboard_files tests -name __pycache__ -type d -prune -exec rm -rf {} +
