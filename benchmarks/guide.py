@@ -56,9 +56,10 @@ def main() -> None:
         try:
             page = browser.new_page(viewport={"width": 1400, "height": 880})
             page.goto(guide_server.address(listener, token))
-            expect(page.get_by_text("Step 0 of 16")).to_be_visible()
+            expect(page.get_by_text("Step 0 of")).to_be_visible()
             page.evaluate(TELL)
-            took = [ms for _ in range(EPISODES) for ms in episode(page, args.pause)]
+            n_steps = session.setting.row.n_steps
+            took = [ms for _ in range(EPISODES) for ms in episode(page, n_steps, args.pause)]
             ordered = sorted(took)
             print(
                 f"key to frame, {len(took)} keys: median {statistics.median(took):.0f} ms, "
@@ -85,11 +86,11 @@ def chromium(playwright: Any) -> Any:
     )
 
 
-def episode(page: Any, pause: float) -> list[int]:
-    """Play an episode by the advised keys; return the time of each key in ms."""
+def episode(page: Any, n_steps: int, pause: float) -> list[int]:
+    """Play an episode of `n_steps` by the advised keys; return the time of each key in ms."""
     page.keyboard.press("n")
-    expect(page.get_by_text("Step 0 of 16")).to_be_visible()
-    return press(page, 16, pause)
+    expect(page.get_by_text(f"Step 0 of {n_steps}")).to_be_visible()
+    return press(page, n_steps, pause)
 
 
 def press(page: Any, steps: int, pause: float) -> list[int]:
@@ -101,7 +102,7 @@ def press(page: Any, steps: int, pause: float) -> list[int]:
         with page.expect_console_message() as told:
             page.keyboard.press(KEYS.get(key, key))
         took.append(int(told.value.text.removesuffix(" ms")))
-        expect(page.get_by_text(f"Step {step} of 16")).to_be_visible()
+        expect(page.get_by_text(f"Step {step} of")).to_be_visible()
     return took
 
 
