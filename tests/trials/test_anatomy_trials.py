@@ -205,6 +205,8 @@ def test_the_guide_is_in_the_volume_of_the_trial(trial, tmp_path):
         session.follow()
     assert "Success" in session.state()["verdict"]
     session.choose(hidden=True)
+    assert session.state()["target"] is not None  # the episode has ended
+    session.begin()
     assert session.state()["target"] is None
 
 
