@@ -73,8 +73,8 @@ class PhantomDistribution:
             object.__setattr__(self, "count", whole_number("n_phantoms", self.count, 1, FIRST_HELD_OUT))
         # Where the largest objects at the ends lie inside, all do.
         ends = [(min(values), max(values)) for values in (self.x_mm, self.depth_mm)]
-        for place in product(*ends, self.angle_deg):
-            Phantom(object_of_interest=ObjectOfInterest(*place, scale=self.scale[1]))
+        for x_mm, depth_mm, angle_deg in product(*ends, self.angle_deg):
+            Phantom(object_of_interest=ObjectOfInterest(x_mm, depth_mm, angle_deg, scale=self.scale[1]))
 
     @property
     def digest(self) -> str:
