@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 import sweep_worker
 import unseen
-from unseen_phantoms import measuring, trial_table
+from unseen_phantoms import drawing, measuring, trial_table
 from unseen_phantoms.studies import STUDIES, Variant
 
 from usbench.compare import sweep
 from usbench.records import ConfigurationError, Trial
 from usbench.trials import runner
 
-# Episodes of 24 steps, of which each of four environments ends one.
+# Episodes of 16 steps, of which each of four environments ends one.
 STEPS = 100
 
 
@@ -109,6 +109,22 @@ def test_numbers_that_train_nothing_are_refused(call, option, value, said):
 def test_seeds_of_comparisons_are_refused(call):
     with pytest.raises(ConfigurationError, match="a development takes seeds 0 to 9, not 10"):
         call("--tables", "scaling", "--seeds", 11)
+
+
+def test_docs_show_what_the_committed_trials_say(tmp_path):
+    rows = trial_table.read(unseen.DOCS / "unseen.csv")
+    text = (unseen.DOCS / "agents.md").read_text()
+    points = trial_table.intervals(rows[rows["table"] == "gap"]).astype({"phantoms": float})
+    for count, own in points.groupby("phantoms", dropna=False):
+        cells = [
+            f"{row[score]:.2f} [{row[f'{score}_low']:.2f}, {row[f'{score}_high']:.2f}]"
+            for row in own.sort_values("variant", ascending=False).to_dict("records")
+            for score in ("known", "unseen")
+        ]
+        named = "no limit" if np.isnan(count) else f"{count:,.0f}".replace(",", " ")
+        assert f"| {named} | {' | '.join(cells)} |" in text
+    for path in drawing.write(rows, tmp_path):
+        assert path.read_bytes() == (unseen.DOCS / path.name).read_bytes()
 
 
 def test_the_scaling_is_that_of_one_agent():
