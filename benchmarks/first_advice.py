@@ -26,7 +26,7 @@ def installed(folder: Path) -> Path:
     clone, environment = folder / "usbench", folder / "environment"
     subprocess.run(["git", "clone", "--quiet", ROOT, clone], check=True)
     subprocess.run([sys.executable, "-m", "venv", environment], check=True)
-    pip = [environment / "bin/pip", "install", "--quiet"]
+    pip: list[str | Path] = [environment / "bin/pip", "install", "--quiet"]
     subprocess.run([*pip, "-c", "constraints.txt", "-e", ".[guide]"], check=True, cwd=clone)
     return environment / "bin/usbench"
 
