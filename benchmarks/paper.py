@@ -268,7 +268,7 @@ def learned(known: Results) -> Sentence:
 
 
 def page(known: Results, tested: pd.DataFrame, ends: pd.DataFrame) -> str:
-    """Return docs/paper.md, of the results, the tests on phantoms never seen, and how episodes end."""
+    """Return docs/paper.md, of the results, the tests on unseen phantoms, and how episodes end."""
     own = next(iter(scores.parts(known).values()))
     agents = named(own.trials)
     ours = own.of(own.trials[agents["agent"] == AGENT])

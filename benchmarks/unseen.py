@@ -1,4 +1,4 @@
-"""What helps on phantoms never seen, how many phantoms it takes and how many steps: `make unseen`.
+"""What helps on unseen phantoms, how many phantoms it takes and how many steps: `make unseen`.
 
 Trains `double_dqn` on `pp-tracked` with one thing changed at a time (ablations), on fixed sets of phantoms,
 `distilled` beside it (the gap between known and unseen ones), and with more steps (scaling). Trials go into a

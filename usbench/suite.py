@@ -33,7 +33,7 @@ class Task(Row):
 
     @property
     def is_guided(self) -> bool:
-        """Whether `usbench guide` shows it: its keys move the probe alone, not the settings."""
+        """Whether `usbench guide` shows it: its keys move only the probe, not the settings."""
         return self.guidance.coordinates == POSE
 
 

@@ -1,4 +1,4 @@
-"""The rows that were made for phantoms never seen; none is part of the comparison."""
+"""The rows that were made for unseen phantoms; none is part of the comparison."""
 
 from usbench.agents.rows.entry import Entry
 

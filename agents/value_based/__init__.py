@@ -1,1 +1,1 @@
-"""Double DQN for phantoms never seen: n-step returns, exact symmetries, a trunk that keeps places."""
+"""Double DQN for unseen phantoms: n-step returns, exact symmetries, a trunk that keeps places."""

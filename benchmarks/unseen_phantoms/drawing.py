@@ -1,4 +1,4 @@
-"""Two figures of agents on phantoms never seen, from the CSV of trials alone."""
+"""Two figures of agents on unseen phantoms, from the CSV of trials alone."""
 
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from usbench.figures.score_axis import HIGHEST
 
 # What is drawn of each agent, and how the known phantoms differ from the unseen ones.
 SCORES: dict[str, tuple[str, dict[str, Any]]] = {
-    "unseen": ("phantoms never seen", {"linestyle": "-"}),
+    "unseen": ("unseen phantoms", {"linestyle": "-"}),
     "known": ("phantoms of the training", {"linestyle": ":", "fillstyle": "none"}),
 }
 

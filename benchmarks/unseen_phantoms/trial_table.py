@@ -23,7 +23,7 @@ class Row:
         seed: Seed of the trial.
         digest: Names the fixed set of training phantoms, "" where there is none.
         known: Greedy score on phantoms of the training.
-        unseen: Greedy score on phantoms never seen.
+        unseen: Greedy score on unseen phantoms.
         minutes: Of CPU time in training.
     """
 

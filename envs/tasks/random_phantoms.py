@@ -217,8 +217,8 @@ class FocalPointRandomEnv(RandomPhantomEnv):
 
     ## Description
     The task of `FocalPointEnv` with a new phantom in every episode: other speckle, and an object of another
-    size and contrast at another place and in another orientation. An agent that has learnt one phantom by
-    heart gains nothing.
+    size and contrast at another place and in another orientation. What an agent knows by heart of one
+    phantom helps it little here.
 
     ## Action Space
     As in `FocalPointEnv`.
@@ -248,8 +248,8 @@ class ProbePlaneRandomEnv(RandomPhantomEnv):
 
     ## Description
     The task of `ProbePlaneEnv` with a new phantom in every episode: other speckle, and an object of another
-    size and contrast at another place and in another orientation. An agent that has learnt one phantom by
-    heart gains nothing.
+    size and contrast at another place and in another orientation. What an agent knows by heart of one
+    phantom helps it little here.
 
     ## Action Space
     As in `ProbePlaneEnv`.

@@ -352,7 +352,7 @@ def test_port_that_is_none_is_refused(port):
         (["--task", "xp"], "unknown task 'xp'"),
         (
             ["--task", "setup"],
-            "the guide shows tasks that move the probe alone, not 'setup': allowed are 'fp'",
+            "the guide shows only tasks that move the probe, not 'setup': allowed are 'fp'",
         ),
         (["--noise", "2"], "noise must be a probability in [0, 1], not 2."),
         (["--seed", "x"], "seed"),
@@ -372,6 +372,7 @@ def test_command_refuses_in_one_sentence(arguments, sentence, capsys, tmp_path, 
     "arguments",
     [
         ["nowhere"],
+        ["best:setup"],
         ["best:pq"],
         ["--task", "xp"],
         ["--task", "setup"],

@@ -1,4 +1,4 @@
-"""Agents of one phantom on phantoms never seen: tables worked out by hand, and a test from end to end."""
+"""Agents of one phantom on unseen phantoms: tables worked out by hand, and a test from end to end."""
 
 import logging
 import shutil
@@ -77,14 +77,14 @@ def test_the_leaderboard_has_the_track_only_with_tests(tmp_path):
 
 def test_the_section_is_folded_and_has_no_columns_on_agents_that_there_are_not():
     without = made(*seeds("vpg", [0.8, 0.9], task="pp"))
-    text = leaderboard.markdown(without, rows_of(0.1, 0.3)).split("## Phantoms never seen\n")[1]
+    text = leaderboard.markdown(without, rows_of(0.1, 0.3)).split("## Unseen phantoms\n")[1]
     section = text.split("\n## ")[0]
     about, fold, *rows = [line for line in section.splitlines() if line and line != "<details>"]
     assert (
         about.startswith("Scores (IQM") and "any" not in about and fold == "<summary>Scores (1 row)</summary>"
     )
     assert rows == [
-        "| agent | cell | one: its own | one: never seen | seeds |",
+        "| agent | cell | one: its own | one: unseen | seeds |",
         "| --- | --- | ---: | ---: | ---: |",
         "| `vpg` | pp-random, noise 0 | 0.850 [0.800, 0.900] | 0.200 [0.100, 0.300] | 2 |",
         "</details>",
@@ -112,7 +112,7 @@ def test_an_agent_is_tested_once_on_every_phantom_of_the_list(finished, tmp_path
     anchors = Setting(task="pp-random", noise=read_state(finished)["config"]["noise"]).anchors()
     expected = (row["return"] - anchors.random) / (anchors.optimal - anchors.random)
     assert row["normalized_score"] == pytest.approx(expected, abs=1e-4)
-    assert "## Phantoms never seen" in (tmp_path / "leaderboard.md").read_text()
+    assert "## Unseen phantoms" in (tmp_path / "leaderboard.md").read_text()
     shutil.rmtree(finished)
     assert cli.main([*command, "--quiet"]) == 0  # nothing is opened again
     capsys.readouterr()
@@ -213,7 +213,7 @@ def test_how_long_the_tests_take_is_told(tmp_path, monkeypatch, caplog):
     monkeypatch.setattr("usbench.compare.transfer.Setting.prepare_frames", lambda _: None)
     monkeypatch.setattr(transfer, "test", lambda *_: rows_of(0.1).iloc[0].to_dict())
     play(tmp_path)
-    assert caplog.messages[0].startswith("Testing agents on phantoms never seen: some ")
+    assert caplog.messages[0].startswith("Testing agents on unseen phantoms: some ")
 
 
 def test_agents_of_ones_own_are_opened_only_if_they_are_named(tmp_path, monkeypatch):

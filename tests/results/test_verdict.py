@@ -197,7 +197,7 @@ def test_alone(algo, second):
 
 
 def on_unseen(*trials):
-    """Return tests on phantoms never seen, of 0.3 for `vpg` and 0.1 for others."""
+    """Return tests on unseen phantoms, of 0.3 for `vpg` and 0.1 for others."""
     rows = [
         [one["trial"], f"{one['task']}-random", 8, 0.3 if one["algo"] == "vpg" else 0.1, -18.0, 0.0]
         for one in trials
@@ -214,7 +214,7 @@ def test_scores_on_phantoms_never_seen_stand_in_the_first_paragraph():
     ]
     last = verdict.text(made(*trials), on_unseen(*trials)).split(". ")[-1]
     assert last == (
-        "`fp` and `pp` are evaluated on the phantom of training: on phantoms never seen, agents with 0.52 to "
+        "`fp` and `pp` are evaluated on the phantom of training: on unseen phantoms, agents with 0.52 to "
         "0.92 on `fp` have 0.10 to 0.30 (lowest, as far as intervals tell, `ppo`; highest `vpg`), and "
         "agents with 0.52 to 0.92 on `pp` have 0.10 to 0.30 (lowest, as far as intervals tell, `ppo`; "
         "highest `vpg`)."

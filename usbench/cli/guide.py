@@ -99,6 +99,8 @@ def _call(args: argparse.Namespace) -> None:
 
 def _check(args: argparse.Namespace) -> None:
     """Refuse what can be known to be wrong without PyTorch, before an address is told."""
+    from usbench.guide import guided
+
     try:
         if args.noise is not None:
             probability("noise", args.noise)
@@ -108,20 +110,21 @@ def _check(args: argparse.Namespace) -> None:
             check_plain_name("the name of a study", args.study)
     except (TypeError, ValueError) as error:
         raise ConfigurationError(str(error)) from error
-    if args.trial is not None and not released.place(args.trial).is_dir():
-        from usbench.records import no_trial
-
-        raise no_trial(args.trial)
     if args.task is not None:
-        _check_task(args.task, args.trial)
+        guided.check_task(args.task)
+    if args.trial is not None:
+        _check_trial(args.trial, args.task)
 
 
-def _check_task(task: str, trial: Path | None) -> None:
-    """Refuse a task that the guide does not show, or on which the agent of `trial` was not trained."""
+def _check_trial(trial: Path, task: str | None) -> None:
+    """Refuse an agent of a task that the guide does not show, or of another task than is asked for."""
     from usbench.guide import guided
+    from usbench.records import Trial, no_trial
 
-    guided.check_task(task)
-    if trial is not None:
-        from usbench.records import Trial
-
-        guided.check_task_of_agent(str(trial), Trial.read(released.place(trial)).config.task, task)
+    folder = released.place(trial)
+    if not folder.is_dir():
+        raise no_trial(trial)
+    own = Trial.read(folder).config.task
+    guided.check_shown(str(trial), own)
+    if task is not None:
+        guided.check_task_of_agent(str(trial), own, task)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 LEFT_OUT = "left out, as its anatomy, probe, imaging, reward or senses are not those of the task {}: {}"
 KEPT = "the tables keep their trials: --replace puts those of {} in their place"
-FORGOTTEN = "its score on phantoms never seen was of the older agent and is removed: {}"
+FORGOTTEN = "its score on unseen phantoms was of the older agent and is removed: {}"
 FROM_THE_PACKAGE = "no tables in {}: those of the benchmark's own leaderboard are copied there"
 
 

@@ -81,7 +81,7 @@ def write(
         tell(f"frames of {task}")
         Setting(task=task).prepare_frames()
     path, failures = _keep(rows, folder), []
-    waiting = Waiting("Testing agents on phantoms never seen", len(missing))
+    waiting = Waiting("Testing agents on unseen phantoms", len(missing))
     for number, (name, algo) in enumerate(missing[["trial", "algo"]].itertuples(index=False, name=None), 1):
         tell(f"trial {number} of {len(missing)}: {name}")
         try:

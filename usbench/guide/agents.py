@@ -12,7 +12,7 @@ from usbench.ceilings import taught
 from usbench.coordinates import TARGET
 from usbench.envs.oracle import Planner
 from usbench.guide.examination import Opened
-from usbench.guide.guided import GUIDED, check_task_of_agent
+from usbench.guide.guided import GUIDED, check_shown, check_task_of_agent
 from usbench.records import ConfigurationError, Trial
 from usbench.setting import Setting
 from usbench.trials.model_loading import load_agent
@@ -90,11 +90,7 @@ def known(folder: Path) -> Known:
         raise records.no_trial(folder)
     trial = _known(folder.resolve())
     if trial is None:
-        task = load_agent(folder).config.task  # raises the error that says why
-        if task not in GUIDED:
-            raise ConfigurationError(
-                f"{name!r} is of the task {task!r}: the guide shows tasks that move the probe alone."
-            )
+        check_shown(name, load_agent(folder).config.task)  # loading raises the error that says why
         raise ConfigurationError(f"{name!r} is not the trial of an agent that learns.")
     return trial
 

@@ -13,11 +13,19 @@ def check_task(task: Any, allowed: Collection[str] = GUIDED) -> None:
     """Raise ConfigurationError if `task` is not the name of one of the `allowed` tasks."""
     if isinstance(task, str) and task in suite.TASKS and task not in GUIDED:
         raise ConfigurationError(
-            f"the guide shows tasks that move the probe alone, not {task!r}: allowed are "
+            f"the guide shows only tasks that move the probe, not {task!r}: allowed are "
             f"{', '.join(map(repr, allowed))}."
         )
     if not isinstance(task, str) or task not in allowed:
         raise ConfigurationError(str(unknown("task", task, allowed)))
+
+
+def check_shown(name: str, own: str) -> None:
+    """Raise ConfigurationError if the agent `name`, trained on the task `own`, has no task of a guide."""
+    if own in suite.TASKS and own not in GUIDED:
+        raise ConfigurationError(
+            f"{name!r} is of the task {own!r}: the guide shows only tasks that move the probe."
+        )
 
 
 def check_task_of_agent(name: str, own: str, asked: str) -> None:

@@ -148,8 +148,8 @@ def section(known: pd.DataFrame) -> str:
     Columns on agents that were trained on many phantoms are there only where there are such agents.
     """
     trained_on_many = known["many"].notna().any()
-    head = ["agent", "cell", "one: its own", "one: never seen"]
-    head += ["many: never seen", "gap", "seeds"] if trained_on_many else ["seeds"]
+    head = ["agent", "cell", "one: its own", "one: unseen"]
+    head += ["many: unseen", "gap", "seeds"] if trained_on_many else ["seeds"]
     lines = []
     for row in known.to_dict("records"):
         parts = ("seen", "one", "many") if trained_on_many else ("seen", "one")

@@ -45,8 +45,8 @@ stratified bootstrap interval; such intervals are too narrow with few seeds (doc
 much). All agents meet the same evaluation episodes with the same draws of noise, and the intervals are
 for these. Scores 0 and 1 are expected returns over all draws of noise; in those of these episodes the
 optimum gets the score of the row `oracle`, which is not always 1, and the random agent that of the row
-`random`, so that an agent can have a higher score than the oracle. Every agent takes its most probable
-action ("greedy"): value-based agents have no other policy of their own, and advice should be the best
+`random`, so that an agent can have a higher score than the oracle. Every agent takes its greedy action: the one
+that it finds most probable or, if it is value-based, the one that it values most; advice should be the best
 there is. The score with sampled actions stands beside it, where there are probabilities to draw from.
 Other columns are means over seeds and evaluation episodes, so that a single collapsed seed shows there
 rather than in the score. The plane error is counted modulo 180 degrees; success means that the last pose
@@ -171,9 +171,9 @@ def markdown(
 
 
 def _never_seen(known: Results, tested: pd.DataFrame | None) -> list[str]:
-    """Return the section of what agents of the grid reach on phantoms never seen."""
+    """Return the section of what agents of the grid reach on unseen phantoms."""
     unseen = pd.DataFrame() if tested is None else held_out.table(further.first(known), tested)
-    return [] if unseen.empty else ["## Phantoms never seen", held_out.section(unseen)]
+    return [] if unseen.empty else ["## Unseen phantoms", held_out.section(unseen)]
 
 
 def _people(studied: pd.DataFrame | None) -> list[str]:
@@ -205,7 +205,7 @@ def _notes(known: Results, tested: pd.DataFrame | None) -> list[str]:
         notes += [f"{in_table}{note}" for note in provenance.notes(own.trials) if note not in notes]
     if tested is not None:
         missing = held_out.not_tested(further.first(known), tested)
-        notes += [f"Agents of {cell.name} were not tested on phantoms never seen." for cell in missing]
+        notes += [f"Agents of {cell.name} were not tested on unseen phantoms." for cell in missing]
     return notes
 
 

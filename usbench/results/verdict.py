@@ -65,7 +65,7 @@ def text(known: Results, tested: pd.DataFrame | None = None) -> str:
 
     Args:
         known: The results, of which the paper's tasks count where there are others.
-        tested: The tests on phantoms never seen that `held_out.read` gives, if there are any.
+        tested: The tests on unseen phantoms that `held_out.read` gives, if there are any.
     """
     own = next(iter(scores.parts(known).values()))
     learning = own.trials[scores.ranked(own.trials)]
@@ -206,7 +206,7 @@ def _against_the_papers_own(ranked: _Ranked, in_part: bool) -> list[str]:
 
 
 def _phantoms(own: Results, tested: pd.DataFrame | None) -> list[str]:
-    """Return a sentence on the phantom of the paper's tasks, and on scores on phantoms never seen."""
+    """Return a sentence on the phantom of the paper's tasks, and on scores on unseen phantoms."""
     tasks = [task for task in PAPER if task in set(own.trials["task"])]
     if not tasks:
         return []
@@ -221,11 +221,11 @@ def _phantoms(own: Results, tested: pd.DataFrame | None) -> list[str]:
             f"{_where_tested(own.trials[own.trials['task'] == task], tested)} have "
             f"{number(rows['elsewhere'].min(), 2)} to {number(rows['elsewhere'].max(), 2)}{_ends(rows)}"
         )
-    return [f"{here}: on phantoms never seen, {', and '.join(clauses)}."]
+    return [f"{here}: on unseen phantoms, {', and '.join(clauses)}."]
 
 
 def _ends(rows: pd.DataFrame) -> str:
-    """Return in words which agents have the lowest and which the highest scores on phantoms never seen.
+    """Return in words which agents have the lowest and which the highest scores on unseen phantoms.
 
     All agents are named whose intervals overlap that of the lowest or of the highest; nobody is, where one
     overlaps both.
@@ -241,7 +241,7 @@ def _ends(rows: pd.DataFrame) -> str:
 
 
 def _where_tested(trials: pd.DataFrame, tested: pd.DataFrame) -> str:
-    """Return in words at which noises a task's agents were tested on phantoms never seen; empty for all."""
+    """Return in words at which noises a task's agents were tested on unseen phantoms; empty for all."""
     learned = trials[trials["steps"] > 0]
     noises, all_noises = (
         sorted(set(rows["noise"])) for rows in (learned[learned["trial"].isin(tested["trial"])], learned)

@@ -17,7 +17,7 @@ from usbench.tasks import row_of
 NAME = "unseen-phantoms"
 STEPS = 100_000
 ABOUT = (
-    "Agents that learn on new phantoms in every episode and are tested on phantoms never seen: with any "
+    "Agents that learn on new phantoms in every episode and are tested on unseen phantoms: with any "
     "number of steps on tasks whose budget is 100 000, and with more than the task's budget on "
     "`fp-random` and `pp-random`. Agents may see any number of frames, and may be told what their task tells "
     "and their own last actions: the tables of the cells say what each learned with, and the ceiling, the "
