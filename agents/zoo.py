@@ -91,6 +91,11 @@ def entry(algo: str) -> Entry:
     raise unknown("algorithm", algo, [*ZOO, *registered])
 
 
+def is_of_the_package(algo: str) -> bool:
+    """Return whether `algo` is a row of the table, with its own network or another one."""
+    return algo.partition("+")[0] in ZOO
+
+
 def _with_network(algo: str, network: str) -> Entry:
     """The row of `algo` with another trunk in place of the paper's."""
     row = entry(algo)

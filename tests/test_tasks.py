@@ -65,6 +65,14 @@ def test_phantoms_of_evaluation_are_not_those_of_training(name, quick, monkeypat
     assert all(env.reset(seed=seed)[1]["phantom"] < FIRST_HELD_OUT for seed in range(20))
 
 
+@pytest.mark.parametrize("name", ["pp", "exam"])
+def test_anchors_of_some_episodes_are_those_of_their_starts(name):
+    setting = Setting(task=name)
+    first = setting.evaluation_episodes()[:1]
+    start = first[0].start
+    assert setting.anchors(episodes=first) == setting.process().returns((start,))
+
+
 def test_anchors_of_many_phantoms_are_means_over_the_episodes_of_the_list():
     phantoms = {phantom.seed: phantom for phantom in Setting(task="pp-random").evaluation_phantoms()}
     values = [

@@ -221,7 +221,7 @@ class Setting:
         if self.guidance.reward_from_frames:
             self.prepare_frames(report)
         phantoms, starts = self.evaluation_phantoms(), defaultdict(list)
-        if not self.row.phantoms and not self.row.drawn_starts:
+        if episodes is None and not self.row.phantoms and not self.row.drawn_starts:
             return self.process(phantoms[0].target).returns()
         plain = self.plain_env()
         for episode in self.evaluation_episodes() if episodes is None else episodes:

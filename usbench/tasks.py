@@ -10,6 +10,7 @@ from importlib.metadata import EntryPoint, entry_points
 from types import MappingProxyType
 
 from usbench.checks import ConfigurationError, unknown
+from usbench.words import in_one_line
 
 # Of entry points: name of a task -> "module:name" of its `Row`.
 GROUP = "usbench.tasks"
@@ -167,7 +168,7 @@ def _load(point: EntryPoint) -> Row:
     try:
         row = point.load()
     except Exception as error:  # whatever a stranger's module does while it is imported
-        reason = f"{type(error).__name__}: {' '.join(str(error).split())}"
+        reason = in_one_line(error, with_type=True)
         raise ConfigurationError(
             f"the task {point.name!r} of {_origin(point)} cannot be imported ({reason}): mend that "
             "package, or uninstall it."

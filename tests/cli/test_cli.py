@@ -46,6 +46,7 @@ def refusal(capsys, *argv):
         (["--set", "gamma=2.0"], "2.0"),
         (["--set", "gamma"], "name=value"),
         (["--set", "=3"], "name=value"),
+        (["--set", "gamma=0.9", "gamma=0.8"], "--set takes gamma once, not 2 times"),
         (["--preset", "spin"], "'spin'"),
         (["--sed", "1"], "--sed"),
         (["--seed"], "--seed"),

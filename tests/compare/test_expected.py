@@ -16,6 +16,8 @@ def test_before_the_first_trial_the_published_ones_tell_how_long(tmp_path):
     whole, half = (expected.by_published([("ppo", steps)] * 4, 2) for steps in (16_064, 8_032))
     assert whole == Expected(pytest.approx(2 * (training + rest)), published=True)
     assert half.seconds == pytest.approx(training + 2 * rest)
+    # A trial cannot be split.
+    assert expected.by_published([("ppo", 16_064)], 16).seconds == pytest.approx(training + rest)
     assert expected.by_published([("ppo", 64), ("mine:LongPPO", 64)], 2) is None
     config = resolve("ppo", "pp", steps=64)
     assert expected.trials([config], tmp_path, 1) == expected.by_published([("ppo", config.steps)], 1)

@@ -58,6 +58,11 @@ def test_seed_of_the_wrong_pool_is_refused(purpose, seed, said):
     assert said in str(refused.value)
 
 
+def test_more_seeds_than_the_pool_has_are_refused():
+    with pytest.raises(ConfigurationError, match=r"at most 900 seeds \(100 to 999\), not 901\."):
+        protocol.read().comparison_seeds(901)
+
+
 def test_no_pools_make_a_search_see_the_seeds_of_the_benchmark_s_comparison(tmp_path):
     swapped = [
         ("first = 100,", "first = 3000,"),

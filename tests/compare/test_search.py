@@ -196,6 +196,15 @@ def test_training_that_diverged_is_recorded_and_its_candidate_comes_last(quick, 
     assert {one[1] for one in scored(tmp_path) if one[0] == 1} == {0, 2}
 
 
+def test_search_in_which_every_training_diverged_has_no_winner(quick, rules, tmp_path, monkeypatch):
+    def diverging(self, goes_on):
+        raise ValueError("the logits are nan")
+
+    monkeypatch.setattr(runner._Run, "_train_and_evaluate", diverging)
+    with pytest.raises(RuntimeError, match="no candidate of a2c has a score"):
+        run(rules, tmp_path)
+
+
 def no_space(*_):
     raise OSError(28, "No space left on device")
 
@@ -264,6 +273,15 @@ def test_damaged_record_is_refused(quick, rules, tmp_path):
     path = tmp_path / "search" / "a2c.jsonl"
     path.write_text("nonsense\n" + path.read_text())
     with pytest.raises(ValueError, match="line 1"):
+        run(rules, tmp_path)
+
+
+def test_record_of_a_trial_without_its_candidate_is_refused(quick, rules, tmp_path):
+    with pytest.raises(KeyboardInterrupt):
+        run(rules, tmp_path, Stopping(1))
+    path = tmp_path / "search" / "a2c.jsonl"
+    path.write_text(path.read_text().splitlines()[0] + '\n{"rung": 0}\n')
+    with pytest.raises(ValueError, match=r"a2c.jsonl' is damaged: a trial has no 'candidate'"):
         run(rules, tmp_path)
 
 

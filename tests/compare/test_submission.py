@@ -165,6 +165,17 @@ def test_another_setting_than_the_comparisons_is_found(runs, changes, said):
     assert said in " ".join(submission.problems(folder))
 
 
+@pytest.mark.parametrize("records_alone", [False, True])
+def test_forged_exact_returns_are_found(runs, records_alone):
+    """All scores follow from them: with a low optimum every agent would look good."""
+    folder = records.trial_folders(runs)[1]
+    state = read_state(folder)
+    state["anchors"]["optimal"] = -19.0
+    write_state(folder, state)
+    (told,) = submission.problems(folder, records_alone=records_alone)
+    assert told.startswith("its exact returns (optimum, random, idle agent) are not those")
+
+
 @pytest.mark.parametrize(
     ("name", "changes", "said"),
     [

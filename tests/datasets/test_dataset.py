@@ -23,6 +23,12 @@ def parts(observations):
     return observations if isinstance(observations, dict) else {"": observations}
 
 
+def test_name_of_the_trial_in_the_present_folder_is_the_folder_s(tmp_path, monkeypatch):
+    (tmp_path / "pp-p0-dqn-s0").mkdir()
+    monkeypatch.chdir(tmp_path / "pp-p0-dqn-s0")
+    assert minari_files.dataset_name(Setting(task="pp"), ".") == "usbench/pp/pp-p0-dqn-s0-v0"
+
+
 @pytest.mark.parametrize(
     ("task", "agent", "noise"),
     [

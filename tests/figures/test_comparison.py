@@ -30,6 +30,14 @@ NAMES = [
 ]
 
 
+def test_figures_of_a_part_that_is_gone_are_removed(tmp_path):
+    exam = [row for algo in ("vpg", "ppo") for row in seeds(algo, [0.1, 0.2, 0.3], task="exam")]
+    comparison.write(made(*GRID, *exam), tmp_path)
+    assert (tmp_path / "other_scores.png").exists()
+    comparison.write(made(*GRID), tmp_path)
+    assert sorted(path.stem for path in tmp_path.iterdir()) == sorted(NAMES)
+
+
 def test_every_figure_is_drawn(tmp_path):
     # And the same bytes again: see tests/compare/test_compare.py.
     paths = comparison.write(made(*GRID, trial("random", 0.0)), tmp_path)

@@ -221,6 +221,9 @@ def test_studies_alone_are_a_report_and_no_leaderboard(tmp_path, capsys):
 
 def test_damaged_study_is_named(tmp_path):
     play(Session(tmp_path, study="anna"))
+    (tmp_path / "study-anna" / "study.json").write_text("[]")
+    with pytest.raises(ConfigurationError, match="study.json' is not the record of a study"):
+        Session(tmp_path, study="anna")
     (tmp_path / "study-anna" / "study.json").write_text("{}")
     with pytest.raises(ConfigurationError, match="study-anna' is not the record of a study"):
         studies.gather(tmp_path)

@@ -65,7 +65,7 @@ def test_configurations_of_an_agent_are_not_pooled():
 def test_the_leaderboard_has_the_track_only_with_tests(tmp_path):
     folder = leaderboard.files(tmp_path / "leaderboard.md")
     tables.write(KNOWN, folder)
-    assert "never seen" not in leaderboard.write(folder, tmp_path / "leaderboard.md")[0].read_text()
+    assert "nseen phantoms" not in leaderboard.write(folder, tmp_path / "leaderboard.md")[0].read_text()
     held_out.write(rows_of(0.1, 0.3), folder)
     text = leaderboard.write(folder, tmp_path / "leaderboard.md")[0].read_text()
     (line,) = [line for line in text.splitlines() if "pp-random, noise 0 |" in line]

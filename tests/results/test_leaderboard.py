@@ -8,6 +8,7 @@ import pytest
 from made_tables import made, seeds, trial
 from markdown_it import MarkdownIt
 
+from usbench.checks import ConfigurationError
 from usbench.results import leaderboard, tables
 
 GRID = [
@@ -206,6 +207,11 @@ def test_scores_open_in_pandas_in_one_line(tmp_path):
     table = pd.read_csv(tmp_path / "scores.csv", dtype={"configuration": str})
     row = table.query("algo == 'vpg' and actions == 'greedy'").iloc[0]
     assert (row["seeds"], row["seeds_asked"], row["score"]) == (4, 5, 0.65)
+
+
+def test_leaderboard_is_not_written_over_by_its_scores(tmp_path):
+    with pytest.raises(ConfigurationError, match=r"scores.csv': scores.csv is written beside it"):
+        leaderboard.prepare(tmp_path / "scores.csv")
 
 
 def test_folder_without_results_is_refused(tmp_path):

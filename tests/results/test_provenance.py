@@ -1,14 +1,25 @@
 """Where results come from, and what a reader has to know."""
 
+import json
+
 import pytest
 from made_tables import made, seeds, trial
 
+from usbench.agents.zoo import ZOO
 from usbench.results import agents, provenance
+
+
+def usual(algo="vpg", score=0.5, *, of="", **changes):
+    """Return the row of a trial as the table of algorithms has it, but for the settings in `of`."""
+    row = ZOO[algo]
+    own = row.hyperparameters | row.tasks.get(changes.get("task", "fp"), {})
+    settings = {"environment": "e", **own, **dict(of)}
+    return trial(algo, score, **{"settings": json.dumps(settings), **changes})
 
 
 def grid(**changes):
     return [
-        trial(algo, task=task, noise=noise, seed=seed, **changes)
+        usual(algo, task=task, noise=noise, seed=seed, **changes)
         for algo in ("vpg", "a2c")
         for task in ("pp", "fp")
         for noise in (0.0, 0.25)
@@ -32,8 +43,8 @@ def test_budget_that_is_not_the_tasks_is_named():
 
 
 def test_what_several_comparisons_made_names_each():
-    exam = [trial(algo, task="exam", steps=32_128) for algo in ("vpg", "a2c")]
-    trials = made(*grid(), *exam, trial("dqn", task="pp")).trials
+    exam = [usual(algo, task="exam", steps=32_128) for algo in ("vpg", "a2c")]
+    trials = made(*grid(), *exam, usual("dqn", task="pp")).trials
     expected = [
         "usbench compare --algos a2c vpg --tasks exam --noise 0 --seeds 1",
         "usbench compare --algos a2c vpg --tasks fp pp --noise 0 0.25 --seeds 2",
@@ -46,22 +57,23 @@ def test_what_several_comparisons_made_names_each():
 
 
 def test_command_counts_seeds_from_the_first_of_comparisons():
-    trials = made(*seeds("vpg", [0.5] * 3)).trials
+    trials = made(*(usual(seed=seed) for seed in (100, 101, 102))).trials
     assert provenance.commands(trials) == ["usbench compare --algos vpg --tasks fp --noise 0 --seeds 3"]
 
 
 @pytest.mark.parametrize(
     "trials",
     [
-        [trial("vpg", seed=seed) for seed in (100, 102)],
-        [trial("vpg", seed=seed) for seed in (101, 102)],
-        [trial("vpg", seed=seed) for seed in (0, 1)],
-        [trial("vpg"), trial("vpg", noise=0.5), trial("vpg", noise=0.5, seed=101)],
-        [trial("vpg"), trial("vpg", configuration="00000002")],
+        [usual("vpg", seed=seed) for seed in (100, 102)],
+        [usual("vpg", seed=seed) for seed in (101, 102)],
+        [usual("vpg", seed=seed) for seed in (0, 1)],
+        [usual("vpg"), usual("vpg", noise=0.5), usual("vpg", noise=0.5, seed=101)],
+        [usual("vpg"), usual("vpg", configuration="00000002")],
+        [usual(of={"gamma": 0.5})],
         [trial("oracle")],
         [],
     ],
-    ids=["hole", "later", "earlier version", "cells", "configurations", "no learner", "nothing"],
+    ids=["hole", "later", "earlier version", "cells", "configurations", "settings", "no learner", "nothing"],
 )
 def test_what_no_comparisons_make_names_none(trials):
     assert provenance.commands(made(*trials).trials) == []
@@ -69,7 +81,7 @@ def test_what_no_comparisons_make_names_none(trials):
 
 def test_a_trial_with_another_budget_leaves_the_command_of_those_with_the_tasks_own():
     """It is a row of its own, whatever its configuration is called."""
-    trials = made(trial("vpg"), trial("vpg", seed=101, steps=32)).trials
+    trials = made(usual("vpg"), usual("vpg", seed=101, steps=32)).trials
     assert set(agents.named(trials)["agent"]) == {"vpg", "vpg steps=32"}
     assert provenance.commands(trials) == ["usbench compare --algos vpg --tasks fp --noise 0 --seeds 1"]
 

@@ -43,6 +43,9 @@ def test_variance_that_is_common_to_the_cells_of_a_seed():
     # In units of its spread, whatever the spread of a cell.
     half = (seed + own) * np.array([1, 10, 1, 1, 0.1, 1])
     assert ranking.common_to_seeds({"a": half, "b": half[::-1]}) == pytest.approx(0.5, abs=0.05)
+    # Cells in which all seeds score the same do not count.
+    constant = np.hstack([half, np.ones((500, 6))])
+    assert ranking.common_to_seeds({"a": constant}) == pytest.approx(ranking.common_to_seeds({"a": half}))
 
 
 def test_one_seed_or_one_cell_has_no_such_share():

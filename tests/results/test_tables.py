@@ -165,6 +165,14 @@ def test_written_and_read_back_without_a_change(tmp_path):
     assert [path.read_bytes() for path in paths] == first
 
 
+def test_noise_is_kept_as_it_is(tmp_path):
+    """It names a cell, and the command that makes the trial again."""
+    for noise in (1e-6, 1 / 3):
+        write_trial(tmp_path / "runs", config(noise=noise))
+    tables.write(tables.collect(tmp_path / "runs"), tmp_path / "small")
+    assert set(tables.read(tmp_path / "small").trials["noise"]) == {1e-6, 1 / 3}
+
+
 def test_order_of_folders_on_disk_does_not_matter(tmp_path):
     for folder, order in (("a", (0, 1, 10)), ("b", (10, 1, 0))):
         for seed in order:

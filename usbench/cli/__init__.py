@@ -26,6 +26,7 @@ from usbench.cli import (
 )
 from usbench.cli.arguments import REFUSED, Parser
 from usbench.cli.sharing import dataset, submit
+from usbench.words import in_one_line
 
 DONE, FAILED, INTERRUPTED = 0, 1, 130
 # As `usbench --help` lists them.
@@ -111,7 +112,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise
         from usbench.records import ConfigurationError
 
-        print(f"usbench: error: {' '.join(str(error).split())}", file=sys.stderr)
+        print(f"usbench: error: {in_one_line(error)}", file=sys.stderr)
         # Whoever names a folder or file that is not there is told so, as of any other wrong value.
         return REFUSED if isinstance(error, (ConfigurationError, FileNotFoundError)) else FAILED
     return DONE

@@ -4,11 +4,12 @@ import argparse
 import contextlib
 import sys
 import textwrap
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
-from usbench.checks import did_you_mean
+from usbench.checks import ConfigurationError, did_you_mean
 
 REFUSED = 2
 # The leaderboard of the grid.
@@ -59,6 +60,14 @@ def setting(text: str) -> tuple[str, str]:
     if not (name and separator and value):
         raise argparse.ArgumentTypeError(f"{text!r} is not of the form name=value")
     return name, value
+
+
+def each_once(option: str, pairs: Sequence[tuple[str, str]]) -> dict[str, str]:
+    """Return the pairs of an option as a dictionary; ConfigurationError if a name is there twice."""
+    for name, count in Counter(name for name, _ in pairs).items():
+        if count > 1:
+            raise ConfigurationError(f"{option} takes {name} once, not {count} times.")
+    return dict(pairs)
 
 
 def add_leaderboard_file(parser: argparse.ArgumentParser, default: str = str(LEADERBOARD)) -> None:

@@ -120,9 +120,10 @@ def _add_trials(args: argparse.Namespace, path: Path) -> None:
     if args.replace:
         for name in held_out.forget(folder, [one.trial for one in addition.other]):
             print(FORGOTTEN.format(name), file=sys.stderr)
-    tables.write(addition.results, folder)
+    # The marks first: a trial that is not verified is never there without its mark.
     additions.mark_unverified(folder, checked, [name for name, told in checked.items() if told])
-    studies.write(studies.gather(args.add), folder)
+    tables.write(addition.results, folder)
+    studies.write(studies.add(studies.read(folder), studies.gather(args.add)), folder)
 
 
 def _gathered(folder: Path) -> Results:

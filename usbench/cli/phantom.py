@@ -1,12 +1,11 @@
 """The option `--phantom`: a custom anatomy from the words of a command."""
 
 import argparse
-from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from usbench.cli.arguments import number, setting
+from usbench.cli.arguments import each_once, number, setting
 
 if TYPE_CHECKING:
     from usbench.envs.anatomy import Anatomy
@@ -38,8 +37,5 @@ def custom_anatomy(words: Sequence[str], *, looking: bool = False) -> "Anatomy |
         pairs = [setting(text) for text in settings]
     except argparse.ArgumentTypeError as error:
         raise ConfigurationError(f"--phantom takes FILE NAME=VALUE ..: {error}.") from error
-    for name, count in Counter(name for name, _ in pairs).items():
-        if count > 1:
-            raise ConfigurationError(f"--phantom takes {name} once, not {count} times.")
-    values = {name: number(value) for name, value in pairs}
+    values = {name: number(value) for name, value in each_once("--phantom", pairs).items()}
     return anatomy_record.read(Path(path), values, looking=looking)

@@ -8,7 +8,14 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from usbench.cli.arguments import GOES_ON, add_probe_and_imaging, number, probe_and_imaging, setting
+from usbench.cli.arguments import (
+    GOES_ON,
+    add_probe_and_imaging,
+    each_once,
+    number,
+    probe_and_imaging,
+    setting,
+)
 from usbench.cli.phantom import add_phantom, custom_anatomy
 
 if TYPE_CHECKING:
@@ -113,7 +120,7 @@ def _call(args: argparse.Namespace) -> None:
         reward=args.reward,
         **examined,
         preset=args.preset,
-        overrides=dict(args.set),
+        overrides=each_once("--set", args.set),
     )
     trial = _begin(config, args)
     # Now, as these take seconds: what is refused has been refused.

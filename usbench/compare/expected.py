@@ -32,7 +32,7 @@ def trials(missing: Sequence[TrialConfig], out: Path, jobs: int) -> Expected | N
     keys = [(config.algo, config.steps) for config in missing if config.steps]
     known = _finished(out)
     if all(key in known for key in keys):
-        return Expected(sum(known[key] for key in keys) / jobs)
+        return Expected(_side_by_side([known[key] for key in keys], jobs))
     return by_published(keys, jobs)
 
 
@@ -50,8 +50,13 @@ def by_published(keys: Sequence[tuple[str, int]], jobs: int) -> Expected | None:
     means = table.groupby("algo")[["step_s", "rest_s"]].mean()
     if not all(algo in means.index for algo, _ in keys):
         return None
-    seconds = sum(steps * means.loc[algo, "step_s"] + means.loc[algo, "rest_s"] for algo, steps in keys)
-    return Expected(float(seconds) / jobs, published=True)
+    seconds = [steps * means.loc[algo, "step_s"] + means.loc[algo, "rest_s"] for algo, steps in keys]
+    return Expected(_side_by_side(seconds, jobs), published=True)
+
+
+def _side_by_side(seconds: Sequence[float], jobs: int) -> float:
+    """Return how long trials take, `jobs` at a time: no less than the longest, since none is split."""
+    return float(max(sum(seconds) / jobs, max(seconds, default=0)))
 
 
 def _finished(out: Path) -> dict[tuple[str, int], float]:

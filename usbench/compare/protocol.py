@@ -109,9 +109,11 @@ class Protocol(_Content):
 
     def comparison_seeds(self, n: int) -> tuple[int, ...]:
         """Return the first `n` seeds of the comparison; ConfigurationError if the pool has fewer."""
-        first = self.pools.comparison.first
-        self.pools.check("comparison", first + n - 1)
-        return tuple(range(first, first + n))
+        pool = self.pools.comparison
+        most = pool.last - pool.first + 1
+        if n > most:
+            raise ConfigurationError(f"a comparison has at most {most} seeds ({pool}), not {n}.")
+        return tuple(range(pool.first, pool.first + n))
 
     def check_winners(self, rows: Sequence[str]) -> None:
         """Raise ConfigurationError if hyperparameters of `rows` were chosen under another protocol."""

@@ -5,6 +5,7 @@ those that are left with more steps than the rung before, and keeps the best by 
 """
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +20,7 @@ from usbench.compare.protocol import Protocol
 from usbench.compare.search_record import Place, SearchRecord
 from usbench.records import ConfigurationError, TrialConfig, unwritable
 from usbench.trials.configuration import resolve
+from usbench.trials.lock import locked
 
 
 @dataclass(frozen=True)
@@ -69,6 +71,8 @@ def run(
         scores = mean_scores(record, number)
         left = best(scores)[: rung.keep]
     winner = Winner(row, left[0], scores[left[0]], record.candidates[left[0]])
+    if not math.isfinite(winner.score):
+        raise RuntimeError(f"no candidate of {row} has a score: the training of each of them diverged.")
     if protocol.is_of_the_package:
         _hand_over(winner, protocol)
     return winner
@@ -178,17 +182,16 @@ class _Recording:
 
 def _hand_over(winner: Winner, protocol: Protocol) -> None:
     """Write the winner where the table of algorithms reads it."""
-    chosen = {
-        **winners(),
-        winner.row: {
-            "protocol": protocol.digest,
-            "candidate": winner.candidate,
-            "score": round(winner.score, 4),
-            "hyperparameters": dict(winner.hyperparameters),
-        },
+    own = {
+        "protocol": protocol.digest,
+        "candidate": winner.candidate,
+        "score": round(winner.score, 4),
+        "hyperparameters": dict(winner.hyperparameters),
     }
     try:
-        with atomic_file(WINNERS) as file:
+        # Another search may end at the same moment.
+        with locked(WINNERS), atomic_file(WINNERS) as file:
+            chosen = {**winners(), winner.row: own}
             file.write(json.dumps(chosen, indent=2, sort_keys=True).encode() + b"\n")
     except OSError as error:
         raise unwritable(WINNERS.parent, error) from error

@@ -56,7 +56,10 @@ class SearchRecord:
         rows = read_rows(self.path)
         if rows:
             self._check(rows[0])
-        self.trials = {_place(one): one for one in rows[1:]}
+        try:
+            self.trials = {_place(one): one for one in rows[1:]}
+        except (KeyError, TypeError) as error:
+            raise ValueError(f"{str(self.path)!r} is damaged: a trial has no {error}.") from error
 
     def add(self, place: Place, config: TrialConfig, out: Path) -> bool:
         """Record a trial in `out` that has ended; return whether it has: finished, or diverged.

@@ -14,7 +14,6 @@ from typing import Any
 import pandas as pd
 
 from usbench import records, seed_pools, suite
-from usbench.anchors import Anchors
 from usbench.checks import ConfigurationError
 from usbench.compare.own_task import is_on_its_task
 from usbench.records import Trial
@@ -45,8 +44,10 @@ def problems(folder: Path, *, records_alone: bool = False) -> list[str]:
         setting = Setting.recorded(trial.config)
     except ConfigurationError as error:
         return [str(error)]
+    configuration = [] if records_alone else _of_configuration(trial, setting)
     return [
-        *([] if records_alone else _of_configuration(trial, setting)),
+        *configuration,
+        *([] if configuration else _of_anchors(trial, setting)),
         *_of_training(trial, episodes),
         *_of_evaluations(trial, evaluations),
         *_of_returns(setting, evaluations),
@@ -125,15 +126,18 @@ def _of_configuration(trial: Trial, setting: Setting) -> list[str]:
     pool = seed_pools.own().comparison
     if config.steps and config.seed not in pool:
         found.append(f"its seed {config.seed} is not one of those that are kept for comparisons, {pool}.")
-    if not found and not _same_anchors(trial.anchors, setting.scored.anchors(), _tolerance(setting)):
-        found.append("its exact returns (optimum, random, idle agent) are not those of its task and noise.")
     return found
 
 
-def _same_anchors(one: Anchors, other: Anchors, tolerance: float) -> bool:
-    return all(
-        abs(getattr(one, name) - getattr(other, name)) <= tolerance for name in ("optimal", "random", "stay")
-    )
+def _of_anchors(trial: Trial, setting: Setting) -> list[str]:
+    """Return whether the exact returns, from which all scores follow, are another task's or nobody's."""
+    own, exact = trial.anchors, setting.scored.anchors()
+    if all(
+        abs(getattr(own, name) - getattr(exact, name)) <= _tolerance(setting)
+        for name in ("optimal", "random", "stay")
+    ):
+        return []
+    return ["its exact returns (optimum, random, idle agent) are not those of its task and noise."]
 
 
 def _of_training(trial: Trial, episodes: pd.DataFrame) -> list[str]:

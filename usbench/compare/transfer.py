@@ -86,7 +86,7 @@ def write(
         tell(f"trial {number} of {len(missing)}: {name}")
         try:
             rows.append(test(runs / name, algo, float(score_of[name])))
-        except ConfigurationError as error:
+        except ValueError as error:
             tell(str(error))
             failures.append(str(error))
         else:

@@ -98,7 +98,7 @@ def _publish(made: Path, folder: Path) -> None:
 
 def dataset_name(setting: Setting, agent: str) -> str:
     """Return the name of a data set, "usbench/pp/best-v0"; noise stands in per cent behind the agent."""
-    own = "".join(letter if letter.isalnum() else "-" for letter in Path(agent).name)
+    own = "".join(letter if letter.isalnum() else "-" for letter in Path(agent).resolve().name)
     noise = f"-noise{100 * setting.noise:g}".replace(".", "_") if setting.noise else ""
     return f"usbench/{setting.task}/{own}{noise}-v0"
 

@@ -33,6 +33,8 @@ SINGLE_ROW = 3.2
 NAME_LETTERS = 25
 # For which a panel of scores has room, so that a single marker fits in.
 LEAST_ROWS = 3
+# The figures of a part of the results, behind the part's prefix.
+OF_A_PART = ("scores", "learning_curves", "learning_curves_cpu", "performance_profiles", "improvement")
 OPTIMUM: dict[str, Any] = {"color": "black", "linestyle": "-.", "linewidth": 1}
 ORACLE: dict[str, Any] = {"color": "0.5", "linestyle": "--", "linewidth": 1.2}
 CEILING: dict[str, Any] = {"color": "#882255", "linestyle": ":", "linewidth": 1.6}
@@ -47,14 +49,19 @@ def write(known: Results, folder: Path, formats: Sequence[str] = ("png",)) -> li
         ValueError: If a format is not one of `style.FORMATS`.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    written = []
-    for name, figure in draw(known).items():
-        for path in (folder / f"{name}.{kind}" for kind in formats):
-            if figure is None:
-                path.unlink(missing_ok=True)
-            else:
-                written.append(style.save(figure, path))
-    return written
+    drawn = {name: figure for name, figure in draw(known).items() if figure is not None}
+    for name in _possible() - drawn.keys():
+        for kind in formats:
+            (folder / f"{name}.{kind}").unlink(missing_ok=True)
+    return [
+        style.save(figure, folder / f"{name}.{kind}") for name, figure in drawn.items() for kind in formats
+    ]
+
+
+def _possible() -> set[str]:
+    """Return the names of all figures that some results have."""
+    prefixes = map(scores.prefix, (scores.ALL, scores.OTHERS, *further.names()))
+    return {f"{prefix}{kind}" for prefix in prefixes for kind in OF_A_PART} | {"figure4", "figure5"}
 
 
 def draw(known: Results) -> dict[str, Figure | None]:

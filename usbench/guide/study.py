@@ -164,11 +164,11 @@ class Study:
                 file.write(json.dumps(record, indent=1).encode())
             return
         try:
-            before = json.loads(path.read_text(encoding="utf-8"))
-        except ValueError as error:
+            # Studies of earlier versions do not tell how much is played.
+            before = {"plays": record["plays"], **json.loads(path.read_text(encoding="utf-8"))}
+        except (TypeError, ValueError) as error:
             raise ConfigurationError(f"{str(path)!r} is not the record of a study: {error}.") from error
-        # Studies of earlier versions do not tell how much is played.
-        before, now = {"plays": record["plays"], **before}, json.loads(json.dumps(record))
+        now = json.loads(json.dumps(record))
         if differing := [name for name in now if before.get(name) != now[name]]:
             raise ConfigurationError(
                 f"the study {self.name!r} has begun with another {_said(differing[0], before, now)}: "

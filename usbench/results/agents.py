@@ -66,22 +66,31 @@ def _names(algo: str, own: pd.DataFrame) -> pd.Series:
 
 
 def _alike(trial: pd.Series) -> int:
-    """Return how many of hyperparameters, steps and frames are those of the table of algorithms.
+    """Return how many of hyperparameters, steps and frames are those of the table of algorithms."""
+    whole = trial["steps"] == row_of(trial["task"]).steps
+    return int(has_hyperparameters(trial)) + int(whole) + int(has_frames(trial))
 
-    A network beside the paper's is part of the algorithm's name and has the same hyperparameters.
+
+def has_frames(trial: pd.Series) -> bool:
+    """Return whether the agent sees as many frames as the command takes by itself."""
+    return n_frames(trial["settings"]) == TrialConfig.n_frames
+
+
+def has_hyperparameters(trial: pd.Series) -> bool:
+    """Return whether no hyperparameter of a trial is another than in the table of algorithms.
+
+    A network beside the paper's is part of the algorithm's name and has the same hyperparameters. Those of
+    an algorithm of another package are what its class says.
     """
     row = ZOO.get(trial["algo"].partition("+")[0])
     if row is None:
-        return 0
+        return True
     settings = json.loads(trial["settings"])
     wanted = {**row.hyperparameters, **row.tasks.get(trial["task"], {})}
     steps = row_of(trial["task"]).steps
     if "buffer_size" in wanted:  # as `configuration.resolve` fills it in
         wanted["buffer_size"] = max(wanted["buffer_size"], steps)
-    same = all(settings.get(name) == value for name, value in wanted.items())
-    as_usual = n_frames(trial["settings"]) == TrialConfig.n_frames
-    whole = trial["steps"] == steps
-    return int(same) + int(whole) + int(as_usual)
+    return all(settings.get(name) == value for name, value in wanted.items())
 
 
 def _difference(rows: pd.DataFrame, others: pd.DataFrame) -> str:

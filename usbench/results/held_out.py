@@ -13,6 +13,7 @@ from usbench.results import scores, stats, text
 from usbench.results.agents import named
 from usbench.results.protocol import further
 from usbench.results.tables import DECIMALS, Results
+from usbench.words import in_one_line
 
 TABLE = "held_out.csv"
 # Of a trial on one phantom: the task on many, and means over its evaluation episodes, greedy actions.
@@ -35,7 +36,7 @@ def read(folder: Path) -> pd.DataFrame:
         table = pd.read_csv(path)[list(COLUMNS)]
         return table.astype({"episodes": int, **dict.fromkeys(COLUMNS[3:], float)})
     except (KeyError, ValueError) as error:
-        raise ValueError(f"{path} is not a table of tests: {' '.join(str(error).split())}") from error
+        raise ValueError(f"{path} is not a table of tests: {in_one_line(error)}") from error
 
 
 def write(tested: pd.DataFrame, folder: Path) -> Path:

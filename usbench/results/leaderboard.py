@@ -45,9 +45,10 @@ stratified bootstrap interval; such intervals are too narrow with few seeds (doc
 much). All agents meet the same evaluation episodes with the same draws of noise, and the intervals are
 for these. Scores 0 and 1 are expected returns over all draws of noise; in those of these episodes the
 optimum gets the score of the row `oracle`, which is not always 1, and the random agent that of the row
-`random`, so that an agent can have a higher score than the oracle. Every agent takes its greedy action: the one
-that it finds most probable or, if it is value-based, the one that it values most; advice should be the best
-there is. The score with sampled actions stands beside it, where there are probabilities to draw from.
+`random`, so that an agent can have a higher score than the oracle. Every agent takes its greedy action:
+the one that it finds most probable or, if it is value-based, the one that it values most; advice should
+be the best there is. The score with sampled actions stands beside it, where there are probabilities to
+draw from.
 Other columns are means over seeds and evaluation episodes, so that a single collapsed seed shows there
 rather than in the score. The plane error is counted modulo 180 degrees; success means that the last pose
 is the goal (in `setup`, that the cyst's contrast-to-noise ratio is at least 2); an episode that never
@@ -68,6 +69,8 @@ def prepare(path: Path) -> Path:
     Raises:
         ConfigurationError: If nothing can be written there; better before hours of trials than after.
     """
+    if path.name == SCORES:
+        raise ConfigurationError(f"the leaderboard cannot be {str(path)!r}: {SCORES} is written beside it.")
     try:
         if path.is_dir():
             raise IsADirectoryError(None, "it is a folder")

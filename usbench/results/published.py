@@ -1,9 +1,9 @@
 """The tables of the committed leaderboard come with the package: to add to them, nobody needs a clone."""
 
-import shutil
 from importlib import resources
 from pathlib import Path
 
+from usbench.atomic import atomic_file
 from usbench.results import additions, tables
 
 # What stands for their folder where a folder of trials or of tables is named.
@@ -27,6 +27,9 @@ def bring(own: Path) -> bool:
     """
     if (own / tables.TRIALS).exists():
         return False
-    for path in sorted([*folder().glob("*.csv"), *folder().glob(additions.UNVERIFIED)]):
-        shutil.copyfile(path, own / path.name)
+    brought = {path.name: path for path in (*folder().glob("*.csv"), *folder().glob(additions.UNVERIFIED))}
+    # Last what says that all are there.
+    for name in sorted(brought, key=lambda name: name == tables.TRIALS):
+        with atomic_file(own / name) as file:
+            file.write(brought[name].read_bytes())
     return True

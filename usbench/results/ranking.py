@@ -55,7 +55,7 @@ def common_to_seeds(scores: Mapping[str, stats.Array]) -> float:
     agents, of scores that are standardised in each cell; cells in which all scores are equal do not count.
     NaN where there is one cell or one seed. It is an estimate, and below 0 where chance makes it so.
     """
-    between, within = [], []
+    between, within, sizes = [], [], []
     for matrix in scores.values():
         differing = matrix[:, np.ptp(matrix, axis=0) > 0]
         rows = (differing - differing.mean(axis=0)) / differing.std(axis=0)
@@ -64,12 +64,12 @@ def common_to_seeds(scores: Mapping[str, stats.Array]) -> float:
             continue
         of_seed = rows.mean(axis=1, keepdims=True)
         between.append(n_cells * float((of_seed**2).sum()) / (n_seeds - 1))
+        sizes.append(n_cells)
         within.append(float(((rows - of_seed) ** 2).sum()) / ((n_seeds - 1) * (n_cells - 1)))
     if not between:
         return float("nan")
-    n_all = int(next(iter(scores.values())).shape[1])
     b, w = float(np.mean(between)), float(np.mean(within))
-    return (b - w) / (b + (n_all - 1) * w)
+    return (b - w) / (b + (float(np.mean(sizes)) - 1) * w)
 
 
 def corrected_level(n_agents: int) -> float:

@@ -47,10 +47,18 @@ def gather(runs: Path) -> pd.DataFrame:
 
 
 def write(known: pd.DataFrame, folder: Path) -> None:
-    """Write the table beside those of a leaderboard; none if there is no study."""
-    if not known.empty:
-        with atomic_file(folder / TABLE) as file:
-            file.write(known.round(6).to_csv(index=False, lineterminator="\n").encode())
+    """Write the table beside those of a leaderboard; without a study there is none."""
+    if known.empty:
+        (folder / TABLE).unlink(missing_ok=True)
+        return
+    with atomic_file(folder / TABLE) as file:
+        file.write(known.round(6).to_csv(index=False, lineterminator="\n").encode())
+
+
+def add(known: pd.DataFrame, more: pd.DataFrame) -> pd.DataFrame:
+    """Return the studies of both tables; of those with the same name, that of `more`."""
+    kept = known[~known["study"].isin(more["study"])]
+    return more if kept.empty else pd.concat([kept, more], ignore_index=True)
 
 
 def read(folder: Path) -> pd.DataFrame:
@@ -62,7 +70,10 @@ def read(folder: Path) -> pd.DataFrame:
     path = folder / TABLE
     if not path.is_file():
         return pd.DataFrame(columns=list(COLUMNS))
-    known = pd.read_csv(path)
+    # A study may have a name, such as NA, that pandas takes for a missing value.
+    texts = ("study", "task", "agent", "player")
+    empty = {name: [""] for name in NUMBERS}
+    known = pd.read_csv(path, dtype=dict.fromkeys(texts, str), keep_default_na=False, na_values=empty)
     if missing := [name for name in COLUMNS if name not in known]:
         raise ValueError(f"{path} is damaged: it has no column {missing[0]!r}.")
     return known

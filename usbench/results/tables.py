@@ -174,7 +174,8 @@ def _typed(table: pd.DataFrame, columns: Mapping[str, type]) -> pd.DataFrame:
     for name, kind in columns.items():
         values = typed[name].fillna("") if kind is str else typed[name]
         typed = typed.assign(**{name: values.astype(kind)})
-    return typed.round(DECIMALS)
+    # A noise is no measurement: it belongs to the name of a cell.
+    return typed.round({name: DECIMALS for name in columns if name != "noise"})
 
 
 def _once(planned: Collection[TrialConfig]) -> list[TrialConfig]:

@@ -23,7 +23,7 @@ def find_finished(config: TrialConfig, out: Path) -> Trial | None:
         return None
     checksums.check(folder, trial.checksums)
     # Algorithms of other packages write what they like.
-    model_is_whole = config.algo not in zoo.ZOO or _is_whole_zip(folder / records.MODEL)
+    model_is_whole = not zoo.is_of_the_package(config.algo) or _is_whole_zip(folder / records.MODEL)
     for name, is_whole in (
         (records.TRIAL, trial.config.hash == config.hash),
         (records.MODEL, model_is_whole),

@@ -123,8 +123,6 @@ class Learning:
         different = [name for name, value in self._made_by.items() if content["made_by"].get(name) != value]
         if different:
             raise ValueError(f"it comes from a trial that differs in {' and '.join(different)}.")
-        for journal, mark in zip(self._journals, content["journals"], strict=True):
-            journal.cut(mark)
         model_state.put_back(self.agent, content["agent"])
         observation = self._recorder.put_back(content["environment"])
         if isinstance(self._recorder, Recorder):
@@ -134,6 +132,9 @@ class Learning:
         if learns_on and not senses.equal(observation, self.agent._last_obs):
             raise ValueError("it was made with other frames.")
         self.watch.put_back(content["watch"])
+        # Only now that the file is known to be of use.
+        for journal, mark in zip(self._journals, content["journals"], strict=True):
+            journal.cut(mark)
         self._stopwatch.add(content["seconds"])
         # Last: whatever was made since the start has drawn from them.
         model_state.put_generators_back(self.agent, content["generators"])
@@ -153,6 +154,8 @@ class Learning:
             left = steps - self.agent.num_timesteps if self._goes_on else steps
             with interruption.put_off(self._progress.stopping) as self._interruption:
                 self.agent.learn(left, callback=self.watch, reset_num_timesteps=not self._goes_on)
+            if self._interruption.is_asked:  # while the last resume file was written
+                raise KeyboardInterrupt
             return
         self.watch.from_outside(self.agent)
         self.agent.learn(steps)

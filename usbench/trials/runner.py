@@ -249,7 +249,7 @@ class _Run:
             self._save_model()
         except Exception as error:  # whatever an algorithm of another package does
             # A full disk is no fault of the agent: with room on it, the trial goes on.
-            if self.config.algo in zoo.ZOO or isinstance(error, OSError):
+            if zoo.is_of_the_package(self.config.algo) or isinstance(error, OSError):
                 raise
             self._tell_unsaved(error)
 

@@ -6,6 +6,7 @@ from dataclasses import asdict
 
 from usbench.checks import install
 from usbench.records import ConfigurationError, TrialConfig
+from usbench.words import in_one_line
 
 PROJECT = "usbench"
 
@@ -35,7 +36,7 @@ def followed(config: TrialConfig) -> Iterator[None]:
         )
     except wandb.Error as error:
         raise ConfigurationError(
-            f"Weights & Biases lets no run begin ({' '.join(str(error).split())}): run 'wandb login', or set "
+            f"Weights & Biases lets no run begin ({in_one_line(error)}): run 'wandb login', or set "
             "WANDB_MODE=offline."
         ) from error
     try:

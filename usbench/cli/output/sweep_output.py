@@ -64,7 +64,7 @@ class SweepBars:
         """`n_missing` trials will run and `n_finished` are finished."""
         self._missing, self._ended, self._begun = n_missing, 0, time.monotonic()
         self._task = self._bar.add_task("trials", total=n_missing)
-        told = f"{n_missing} trials to run, {n_finished} finished already"
+        told = f"{n_missing} {'trial' if n_missing == 1 else 'trials'} to run, {n_finished} finished already"
         if n_missing:
             told += (
                 ", no record tells how long" if expected is None else f", about {_duration(expected.seconds)}"

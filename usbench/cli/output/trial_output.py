@@ -179,7 +179,7 @@ def print_trial(folder: Path, figures: dict[str, Path]) -> None:
 
 def _is_guided(config: TrialConfig) -> bool:
     """Return whether the guide takes it: a learner of this package, on a task that moves the probe."""
-    learned = config.steps > 0 and config.algo.partition("+")[0] in zoo.ZOO
+    learned = config.steps > 0 and zoo.is_of_the_package(config.algo)
     return learned and suite.TASKS[config.task].is_guided
 
 
@@ -196,7 +196,7 @@ def not_learned(config: TrialConfig) -> str:
     # A class counts the steps of each environment by default; hyperparameters count those of all.
     own |= {"n_steps": own["n_steps"] * config.n_envs} if "n_steps" in own else {}
     values = {**own, **config.hyperparameters}
-    n_steps = values.get("n_steps", 1)
+    n_steps = zoo.rollout_steps(config.algo, values) or 1
     if 0 < steps < n_steps:
         return f"Nothing was learned in {steps} steps: the first update comes after {n_steps} (n_steps)."
     if rest := steps % n_steps:

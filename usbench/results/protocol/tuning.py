@@ -19,6 +19,7 @@ from usbench.records.journal import read_rows
 from usbench.results import stats
 from usbench.results.scores import BOOTSTRAP_SEED
 from usbench.results.text import DASH, code, interval, names, number, table
+from usbench.words import in_one_line
 
 TABLE = "tuning.csv"
 ABOUT = (
@@ -74,7 +75,7 @@ def read(folder: Path) -> pd.DataFrame:
         known = known[list(COLUMNS)]
         return known.astype({"candidate": int, "noise": float, "seed": int, "score": float, "rung": int})
     except (KeyError, ValueError) as error:
-        raise ValueError(f"{path} is not a table of a search: {' '.join(str(error).split())}") from error
+        raise ValueError(f"{path} is not a table of a search: {in_one_line(error)}") from error
 
 
 def candidates(known: pd.DataFrame) -> dict[str, stats.Array]:
