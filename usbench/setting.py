@@ -85,11 +85,8 @@ class Setting:
             check_reward(self.reward, self.guidance, TRAINED_ON)
             if self.anatomy is not None:
                 self._check_anatomy(self.anatomy)
-            if self.n_phantoms is not None and not self.row.phantoms:
-                drawing = ", ".join(repr(name) for name, row in suite.TASKS.items() if row.phantoms)
-                raise ValueError(
-                    f"n_phantoms is for tasks that draw phantoms ({drawing}), not for {self.task!r}."
-                )
+            if self.n_phantoms is not None:
+                self._check_drawn("n_phantoms")
             plain = self.plain_env()
             object.__setattr__(self, "probe", plain.probe)
             object.__setattr__(self, "imaging", plain.imaging)
@@ -264,14 +261,16 @@ class Setting:
         """
         return self._of_drawn_phantoms(scene_model, "a classical agent")
 
-    def _of_drawn_phantoms(self, made: Callable[..., T], what: str) -> T:
-        """Return what is made for the task, its phantoms, senses and noise."""
+    def _check_drawn(self, what: str) -> None:
+        """Raise ValueError if the task draws no phantoms, for which alone `what` is."""
         if not self.row.phantoms:
             drawing = ", ".join(repr(name) for name, row in suite.TASKS.items() if row.phantoms)
-            raise ConfigurationError(
-                f"{what} is for tasks that draw phantoms ({drawing}), not for {self.task!r}."
-            )
+            raise ValueError(f"{what} is for tasks that draw phantoms ({drawing}), not for {self.task!r}.")
+
+    def _of_drawn_phantoms(self, made: Callable[..., T], what: str) -> T:
+        """Return what is made for the task, its phantoms, senses and noise."""
         try:
+            self._check_drawn(what)
             plain = self.plain_env()
             return made(plain.task, plain.distribution, plain.senses.names, self.noise)
         except ValueError as error:
