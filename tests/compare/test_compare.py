@@ -349,7 +349,7 @@ def test_quiet_says_nothing_on_stderr(here, no_figures, capsys):
         (["--seeds", "2.5"], "2.5"),
         (
             ["--seeds", "901"],
-            "a comparison takes seeds 100 to 999, not 1000, which is of the pool for search",
+            "a comparison has at most 900 seeds (100 to 999), not 901.",
         ),
         (["--seeds", "many"], "'many'"),
         (["--steps", "0"], "0"),

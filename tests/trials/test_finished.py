@@ -203,7 +203,7 @@ def test_comparison_says_it_and_runs_the_rest(finished, tmp_path, monkeypatch, c
     assert cli.main(argv) == 1
     lines = capsys.readouterr().err.splitlines()
     told = [line for line in lines if not line.startswith("simulating")]
-    assert told[0].startswith("1 trials to run, 1 finished already")
+    assert told[0].startswith("1 trial to run, 1 finished already")
     assert told[1] == "[1/1] vpg on pp, noise 0.5, seed 100: failed"
     assert lines[-1].startswith("usbench: error: ") and "evaluations.jsonl is damaged" in lines[-1]
     assert [line for line in lines if "seed 100 failed" in line and "evaluations.jsonl is damaged" in line]
