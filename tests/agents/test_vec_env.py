@@ -21,6 +21,17 @@ def plain(observation):
     return dict(observation) if isinstance(observation, dict) else observation
 
 
+def test_a_stop_in_the_last_step_is_no_truncation(quick):
+    """As SB3's DummyVecEnv tells it: nothing follows a terminal state, also where time is up as well."""
+    told = []
+    for env in (vector("exam-stop", 1), DummyVecEnv([lambda: make_env("exam-stop")])):
+        env.reset()
+        for step in range(24):
+            _, _, dones, infos = env.step(np.array([7 if step == 23 else 0]))
+        told.append((bool(dones[0]), infos[0]["TimeLimit.truncated"]))
+    assert told == [(True, False)] * 2
+
+
 @pytest.mark.parametrize("task", ["pp", "exam-stop", "pp-tracked"])
 def test_steps_are_those_of_sb3s_own_vector(task, quick):
     ours, theirs = vector(task, noise=0.5), DummyVecEnv([lambda: make_env(task, noise=0.5)] * 3)

@@ -237,8 +237,8 @@ def rewards_of(model: Any) -> set[float]:
 def test_n_step_returns_of_a_class_from_outside_are_learned_from(monkeypatch: pytest.MonkeyPatch) -> None:
     place = "three:ThreeSteps"
     monkeypatch.setitem(sys.modules, "three", sys.modules[__name__])
-    model = zoo.make(place, Noise(), 0, {}, device="cpu", gamma=0.5)
-    assert rewards_of(model) == {1 + 5 + 25, 10 + 50 + 250, 100 + 500, 1000}
+    model = zoo.make(place, Noise(), 0, {}, device="cpu", gamma=0.25)
+    assert rewards_of(model) == {1 + 2.5 + 6.25, 10 + 25 + 62.5, 100 + 250, 1000}
     model.learn(8)
 
 
@@ -251,6 +251,15 @@ def test_n_steps_of_returns_are_neither_shared_out_nor_multiples_of_a_batch(
     hyperparameters = zoo.hyperparameters("three:ROW", "pp")
     model = zoo.make("three:ROW", DummyVecEnv([Noise, Noise]), 0, hyperparameters, device="cpu")
     assert model.n_steps == model.replay_buffer.n_steps == 3
+
+
+@pytest.mark.parametrize("n_envs", [1, 2, 4, 6])
+def test_updates_per_step_are_the_same_for_any_number_of_environments(n_envs: int) -> None:
+    small = {"learning_starts": 0, "train_freq": 4, "gradient_steps": 1, "batch_size": 4, "buffer_size": 96}
+    hyperparameters = zoo.hyperparameters("dqn", "pp", small)
+    model = zoo.make("dqn", DummyVecEnv([Noise] * n_envs), 0, hyperparameters, device="cpu")
+    model.learn(96)
+    assert model._n_updates == 96 / 4
 
 
 def test_listing_the_table_does_not_import_torch() -> None:

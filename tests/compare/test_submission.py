@@ -78,6 +78,14 @@ def left_out(rows):
     rows.pop()
 
 
+def no_sampled(rows):
+    rows[:] = [row for row in rows if row["deterministic"] or row["checkpoint"] < STEPS]
+
+
+def elsewhere(rows):
+    rows[-1]["final_x_mm"] += 5
+
+
 def at_the_goal(rows):
     rows[-1]["is_success"] = not rows[-1]["is_success"]
 
@@ -125,6 +133,8 @@ def from_the_end(rows):
         (too_short, "its actions end before the episode does"),
         (too_long, "there are actions after its end"),
         (left_out, "with greedy actions are not"),
+        (no_sampled, "with sampled actions are not"),
+        (elsewhere, "has the final x mm "),
         (at_the_goal, "come out otherwise"),
         (nearer, "has the final distance mm "),
         (flatter, "has the final sin angle "),
@@ -152,6 +162,8 @@ def test_a_record_that_was_changed_without_its_checksum_is_damaged(runs):
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
+        ({"seed": 1000}, "its seed 1000 is not one of those that are kept for comparisons, 100 to 999"),
+        ({"environment": {"senses": ["position"]}}, "or senses are not those of pp."),
         ({"seed": 3}, "its seed 3 is not one of those that are kept for comparisons, 100 to 999"),
         ({"steps": 32}, "it trained for 32 steps: the budget of pp is 64"),
         ({"noise": 0.25}, "its exact returns (optimum, random, idle agent) are not those"),
@@ -160,17 +172,19 @@ def test_a_record_that_was_changed_without_its_checksum_is_damaged(runs):
 def test_another_setting_than_the_comparisons_is_found(runs, changes, said):
     folder = records.trial_folders(runs)[1]
     state = read_state(folder)
-    state["config"] |= changes
-    write_state(folder, state)
+    config = state["config"]
+    changes = {name: config[name] | new if isinstance(new, dict) else new for name, new in changes.items()}
+    write_state(folder, state | {"config": config | changes})
     assert said in " ".join(submission.problems(folder))
 
 
 @pytest.mark.parametrize("records_alone", [False, True])
-def test_forged_exact_returns_are_found(runs, records_alone):
+@pytest.mark.parametrize("name", ["optimal", "random", "stay"])
+def test_forged_exact_returns_are_found(runs, name, records_alone):
     """All scores follow from them: with a low optimum every agent would look good."""
     folder = records.trial_folders(runs)[1]
     state = read_state(folder)
-    state["anchors"]["optimal"] = -19.0
+    state["anchors"][name] -= 1.0
     write_state(folder, state)
     (told,) = submission.problems(folder, records_alone=records_alone)
     assert told.startswith("its exact returns (optimum, random, idle agent) are not those")
@@ -202,6 +216,23 @@ def test_a_trial_that_trained_too_long_or_never_is_found(runs):
     assert "beyond the budget" in " ".join(submission.problems(folder))
     rewrite(folder, records.EPISODES, list.clear)
     assert "it has no training episodes" in " ".join(submission.problems(folder))
+
+
+def test_training_episodes_out_of_order_are_found(runs):
+    folder = records.trial_folders(runs)[0]
+    rewrite(folder, records.EPISODES, lambda rows: rows.insert(0, rows.pop()))
+    assert "out of order" in " ".join(submission.problems(folder))
+
+
+def test_shorter_trials_of_one_s_own_are_added_without_a_mark(runs, monkeypatch):
+    """What is asked of them is that records are what happened, not the comparison's budget."""
+    monkeypatch.setattr("usbench.figures.comparison.write", lambda *_: [])
+    rows = {name: dataclasses.replace(row, steps=2 * STEPS) for name, row in suite.TASKS.items()}
+    monkeypatch.setattr(suite, "TASKS", rows)
+    known = tables.collect(runs)
+    tables.write(known.of(known.trials.head(0)), leaderboard.prepare(Path("leaderboard.md")))
+    assert cli.main(["leaderboard", "--add", "mine"]) == 0
+    assert additions.unverified(Path("leaderboard_files")) == []
 
 
 def test_other_frames_are_told_and_refuse_nothing(runs, capsys):

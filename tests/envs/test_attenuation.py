@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from echoes import CLOUD, SMALL, WEIGHTS, correlation
 
+from usbench.envs import rf as rf_module
 from usbench.envs.field.slow_sum import slow_rf
 from usbench.envs.phantom import Phantom
 from usbench.envs.probe import LinearArray
@@ -37,6 +38,15 @@ def test_an_echo_loses_twice_its_depth_times_frequency():
         # The ends of a waveform, which are cut off, make ripples over frequency.
         assert lost == pytest.approx(expected, rel=0.025)
         assert lost.mean() == pytest.approx(expected.mean(), rel=0.005)
+
+
+def test_between_the_depths_of_the_table_an_echo_is_lost_as_steadily(monkeypatch):
+    """Waveforms are those of the nearest depth in the table, so that the way from there has to count."""
+    monkeypatch.setattr(rf_module, "FEW_PAIRS", 0)  # so few are summed directly else
+    depths = np.arange(41e-3, 45e-3, 0.1e-3)
+    lost = [20 * np.log10(spectrum(depth, 0.0) / spectrum(depth, ATTENUATION)).mean() for depth in depths]
+    slope = ATTENUATION * 2 * 1e2 * BAND.mean() / 1e6
+    assert np.diff(lost) == pytest.approx(np.full(len(depths) - 1, slope * 0.1e-3), abs=0.02)
 
 
 def test_the_centre_frequency_falls_with_depth_and_the_bandwidth_squared():

@@ -154,3 +154,14 @@ def test_a_step_or_pose_outside_the_episode_is_refused():
     with pytest.raises(ValueError, match="pose must be one that task 'fp' can reach"):
         returns("fp", starts=(Pose(1, 50, 0),))
     assert returns("fp", starts=[Pose(0, 50, 0)]) == returns("fp", starts=(Pose(0, 50, 0),))
+
+
+def test_equally_good_actions_are_equal_to_the_last_bit():
+    """Rounding must not choose between them: with the object at 0, left is right, and turns are mirrored."""
+    found = policy("pp", 0.5, target=Pose(0, 50, 0))
+    states = PROBE_PLANE.states
+    mirrored = [states.index(Pose(-pose.x_mm, pose.focal_depth_mm, -pose.angle_deg % 360)) for pose in states]
+    assert [action.name for action in PROBE_PLANE.actions][1:3] == ["left", "right"]
+    other = found.costs[:, mirrored][:, :, [0, 2, 1, 4, 3]]
+    assert np.array_equal(other == 0, found.costs == 0)
+    assert found.costs == pytest.approx(other, abs=1e-12)

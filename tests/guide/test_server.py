@@ -154,6 +154,8 @@ def test_without_the_token_nothing_is_told_and_nothing_done(url):
             status, answer = ask(url + route, body, token)
             assert status == 401 and json.loads(answer).keys() == {"error"}, (route, token)
             assert "open the address that the guide printed" in answer
+    for route in ("update", "follow", "begin", "train"):
+        assert ask(url + route, {}, "0" * 48)[0] == 401, route
     assert ask(url + "act", {"action": 4}, authorization=f"Basic {TOKEN}")[0] == 401
     assert settled(url)["step"] == 0
 
@@ -163,6 +165,7 @@ def test_other_sites_cannot_press_buttons(url):
     for origin in ("http://example.org", "null", own.replace("http:", "https:"), own.rpartition(":")[0]):
         assert ask(url + "act", {"action": 4}, origin=origin)[0] == 403, origin
         assert ask(url + "state", origin=origin)[0] == 403, origin
+        assert ask(url + "update", {}, origin=origin)[0] == 403, origin
     assert ask(url + "act", {"action": 4}, content_type="text/plain")[0] == 415
     assert ask(url + "state", host="example.org")[0] == 400
     assert settled(url)["step"] == 0

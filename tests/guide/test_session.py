@@ -112,6 +112,14 @@ def test_another_agent_goes_on_with_the_episode_another_task_does_not(finished):
     assert session.examination.actions == [] and session.state()["noise"] == 0.25
 
 
+def test_page_that_shows_another_agent_s_advice_is_out_of_date(finished):
+    """Else its button "follow" would take a step that nobody saw."""
+    session = Session(finished.parent, finished)
+    before = session.place
+    session.choose(agent="oracle")
+    assert session.place != before
+
+
 @pytest.mark.parametrize(
     "choice", [{"task": "xx"}, {"noise": 2}, {"noise": "much"}, {"agent": "../elsewhere"}, {"task": []}]
 )

@@ -47,6 +47,15 @@ def test_every_episode_is_played_in_both_ways_and_each_way_comes_first_as_often(
     assert len({study.plan(other, setting)[0].advised for other in "abcdefgh"}) == 2
 
 
+def test_the_object_of_a_study_is_not_shown_at_the_end_of_an_episode(tmp_path):
+    """The same phantom comes a second time."""
+    session = Session(tmp_path, study="anna")
+    while not session.examination.over:
+        session.act(0)
+    state = session.state()
+    assert state["over"] and state["balls"] == [] and state["target"] is None
+
+
 def test_rows_are_those_of_evaluations_and_tell_advice_obedience_and_seconds(finished):
     session = Session(finished.parent, finished, study="anna")
     rows = play(session)

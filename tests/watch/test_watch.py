@@ -7,6 +7,7 @@ import re
 import cv2
 import numpy as np
 import pytest
+import torch
 from PIL import Image
 from rich.console import Console
 
@@ -39,6 +40,25 @@ def agent(algo, task="pp"):
     env = make_env(task)
     plan = {"policy": oracle.policy(task)} if algo == "oracle" else {}
     return zoo.make(algo, env, 0, zoo.hyperparameters(algo, task), **plan)
+
+
+def test_advice_has_the_memory_of_a_recurrent_agent(quick):
+    acting, env = agent("recurrent_ppo"), make_env("pp")
+    with torch.no_grad():  # as it begins, its action hardly depends on what it saw or remembers
+        for parameter in acting.policy.lstm_actor.parameters():
+            parameter.mul_(8)
+        acting.policy.action_net.weight.mul_(1000)
+    adviser, memory = Adviser(acting), None
+    observation, info = env.reset(seed=1)
+    remembered = []
+    for step in range(6):
+        seen = observation[np.newaxis]
+        (fresh,), _ = acting.predict(seen, None, np.array([True]), deterministic=True)
+        (action,), memory = acting.predict(seen, memory, np.array([step == 0]), deterministic=True)
+        assert adviser.advise(observation, info, step).best == action
+        remembered.append(action != fresh)
+        observation, _, _, _, info = env.step(step % 5)
+    assert any(remembered)
 
 
 @pytest.mark.parametrize("algo", [*LEARNERS, "stay"])
