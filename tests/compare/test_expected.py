@@ -1,5 +1,7 @@
 """How long trials will take: what is told before the first one has ended."""
 
+import shutil
+
 import pytest
 
 from usbench.cli.output import sweep_output
@@ -9,18 +11,30 @@ from usbench.results import published, tables
 from usbench.trials.configuration import resolve
 
 
-def test_before_the_first_trial_the_published_ones_tell_how_long(tmp_path):
+@pytest.fixture
+def two_of_ppo(tmp_path, monkeypatch):
+    """Let two trials of PPO be the published ones: 10 ms and 20 ms per step, 5 s and 15 s beside them."""
     table = tables.read(published.folder()).trials
-    known = table[(table["algo"] == "ppo") & (table["steps"] == 16_064)]
-    training, rest = known["training_s"].mean(), (known["total_s"] - known["training_s"]).mean()
-    whole, half = (expected.by_published([("ppo", steps)] * 4, 2) for steps in (16_064, 8_032))
-    assert whole == Expected(pytest.approx(2 * (training + rest)), published=True)
-    assert half.seconds == pytest.approx(training + 2 * rest)
+    rows = table[(table["algo"] == "ppo") & (table["status"] == "finished")].head(2)
+    rows = rows.assign(steps=[1000, 4000], training_s=[10.0, 80.0], total_s=[15.0, 95.0])
+    for name in (tables.TRIALS, tables.CURVES):
+        shutil.copy(published.folder() / name, tmp_path / name)
+    rows.to_csv(tmp_path / tables.TRIALS, index=False)
+    monkeypatch.setattr(published, "folder", lambda: tmp_path)
+
+
+@pytest.mark.usefixtures("two_of_ppo")
+def test_before_the_first_trial_the_published_ones_tell_how_long(tmp_path):
+    # 2000 steps of 15 ms each, and 10 s beside them.
+    whole = expected.by_published([("ppo", 2000)] * 4, 2)
+    assert whole == Expected(pytest.approx(2 * (30 + 10)), published=True)
+    assert expected.by_published([("ppo", 1000)] * 4, 2).seconds == pytest.approx(2 * (15 + 10))
     # A trial cannot be split.
-    assert expected.by_published([("ppo", 16_064)], 16).seconds == pytest.approx(training + rest)
+    assert expected.by_published([("ppo", 2000)], 16).seconds == pytest.approx(30 + 10)
     assert expected.by_published([("ppo", 64), ("mine:LongPPO", 64)], 2) is None
     config = resolve("ppo", "pp", steps=64)
-    assert expected.trials([config], tmp_path, 1) == expected.by_published([("ppo", config.steps)], 1)
+    no_trials = tmp_path / "runs"
+    assert expected.trials([config], no_trials, 1) == expected.by_published([("ppo", config.steps)], 1)
 
 
 @pytest.mark.parametrize(
