@@ -9,7 +9,8 @@ import sys
 import pytest
 
 from usbench import cli
-from usbench.cli.output import trial_output
+from usbench.cli.output import trial_bars, trial_output
+from usbench.cli.output.durations import duration
 from usbench.trials import runner
 from usbench.trials.configuration import resolve
 
@@ -87,8 +88,8 @@ def test_hyperparameters_count_the_steps_of_all_environments():
 
 def test_a_line_in_a_pipe_says_how_long_the_training_goes_on(monkeypatch, capsys):
     clock = iter([100.0, 130.0, 400.0])
-    monkeypatch.setattr(trial_output.time, "monotonic", lambda: next(clock))
-    bars = trial_output.Bars()
+    monkeypatch.setattr(trial_bars.time, "monotonic", lambda: next(clock))
+    bars = trial_bars.Bars()
     bars.evaluated(0, -19.9, 0.05)
     bars.training(16, 1016, -19.0, 0.1)  # at 100 s
     bars.training(116, 1016, -18.0, 0.2)
@@ -105,7 +106,7 @@ def test_a_line_in_a_pipe_says_how_long_the_training_goes_on(monkeypatch, capsys
     [(3, "about 10 s"), (44, "about 40 s"), (170, "about 3 min"), (9100, "about 2.5 h")],
 )
 def test_durations_in_words(seconds, said):
-    assert trial_output.duration(seconds) == said
+    assert duration(seconds) == said
 
 
 def test_how_long_it_will_take_stands_before_the_training(quick, tmp_path, capsys):

@@ -4,7 +4,6 @@ import shutil
 
 import pytest
 
-from usbench.cli.output import sweep_output
 from usbench.compare import expected
 from usbench.compare.expected import Expected
 from usbench.results import published, tables
@@ -26,26 +25,36 @@ def two_of_ppo(tmp_path, monkeypatch):
 @pytest.mark.usefixtures("two_of_ppo")
 def test_before_the_first_trial_the_published_ones_tell_how_long(tmp_path):
     # 2000 steps of 15 ms each, and 10 s beside them.
-    whole = expected.by_published([("ppo", 2000)] * 4, 2)
-    assert whole == Expected(pytest.approx(2 * (30 + 10)), published=True)
-    assert expected.by_published([("ppo", 1000)] * 4, 2).seconds == pytest.approx(2 * (15 + 10))
-    # A trial cannot be split.
-    assert expected.by_published([("ppo", 2000)], 16).seconds == pytest.approx(30 + 10)
-    assert expected.by_published([("ppo", 64), ("mine:LongPPO", 64)], 2) is None
-    config = resolve("ppo", "pp", steps=64)
-    no_trials = tmp_path / "runs"
-    assert expected.trials([config], no_trials, 1) == expected.by_published([("ppo", config.steps)], 1)
+    assert expected.by_published([("ppo", 2000)]) == {("ppo", 2000): pytest.approx(30 + 10)}
+    assert expected.by_published([("ppo", 1000)]) == {("ppo", 1000): pytest.approx(15 + 10)}
+    assert expected.by_published([("ppo", 64), ("mine:LongPPO", 64)]) is None
+    learner, reference = resolve("ppo", "pp", steps=2000), resolve("stay", "pp")
+    told = expected.trials([reference, learner], tmp_path / "runs", 1)
+    assert told.each == {reference.folder_name: 0.0, learner.folder_name: pytest.approx(40)}
+    assert told.told and told.published
 
 
-@pytest.mark.parametrize(
-    ("told", "said"),
-    [
-        (Expected(7200.0, published=True), "about 2 h 0 min as in the published trials"),
-        (Expected(600.0), "about 10 min"),
-        (None, "no record tells how long"),
-    ],
-)
-def test_the_line_says_whose_time_it_is(capsys, told, said):
-    with sweep_output.SweepBars() as bars:
-        bars.started(2, 0, told)
-    assert capsys.readouterr().err.splitlines()[0] == f"2 trials to run, 0 finished already, {said}"
+def test_own_algorithms_of_which_no_record_tells_are_taken_for_equal(tmp_path):
+    configs = [resolve("stable_baselines3:PPO", "pp", seed=seed, steps=64) for seed in (0, 1)]
+    told = expected.trials(configs, tmp_path, 1)
+    assert not told.told and list(told.each.values()) == [1.0, 1.0]
+
+
+def test_trials_run_side_by_side_and_none_is_split():
+    assert Expected(dict.fromkeys("abcd", 40.0), 2).seconds == 80
+    assert Expected({"a": 40.0}, 16).seconds == 40
+    assert Expected({"a": 40.0, "b": 10.0}, 2).seconds == 40
+    assert Expected({"a": 40.0}, 2, later=60.0).seconds == 50
+
+
+def test_time_left_is_by_what_was_expected_until_a_learner_has_ended_then_by_what_it_took():
+    told = Expected({"stay": 0.0, "quick": 100.0, "slow": 300.0, "last": 200.0}, jobs=1)
+    assert told.left({"stay"}, 5) == 595
+    # A sixth is done, half of the slow one counts as done too: 250 of 600 in 1000 s.
+    assert told.left({"stay", "quick"}, 1000) == pytest.approx(1000 * 350 / 250)
+    assert told.left({"stay", "quick", "slow", "last"}, 1000) == 0
+    # What comes later is not running yet.
+    assert Expected({"a": 100.0}, 1, later=300.0).left({"a"}, 50) == pytest.approx(150)
+    # Nobody knows before the first has ended.
+    assert Expected({"a": 1.0, "b": 1.0, "c": 1.0}, 1, told=False).left(set(), 5) is None
+    assert Expected({"a": 1.0, "b": 1.0, "c": 1.0}, 1, told=False).left({"a"}, 15) == pytest.approx(15)

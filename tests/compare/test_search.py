@@ -14,7 +14,7 @@ from usbench import records
 from usbench.agents import search_space, zoo
 from usbench.agents.hyperparameters import check
 from usbench.agents.search_space import SPACES, Choice, Endless, Log, candidates
-from usbench.compare import protocol, search, sweep
+from usbench.compare import protocol, search
 from usbench.compare.search_record import SearchRecord
 from usbench.trials import runner
 from usbench.trials.configuration import resolve
@@ -26,7 +26,7 @@ class Quiet:
     def frames(self, done, total):
         pass
 
-    def started(self, n_missing, n_finished, expected):
+    def started(self, n_finished, expected):
         self.expected = expected
 
     def ended(self, outcome):
@@ -163,7 +163,7 @@ def test_search_goes_on_from_its_record_alone(quick, rules, tmp_path, monkeypatc
     progress = Quiet()
     winner = run(rules, tmp_path / "other", progress)
     assert len(calls) == 10 - 4
-    assert progress.expected.seconds > 0 and not progress.expected.published
+    assert progress.expected.seconds > 0 and progress.expected.told and not progress.expected.published
     assert run(rules, tmp_path / "one") == winner
     calls.clear()
     shutil.rmtree(tmp_path / "other" / "runs")
@@ -311,21 +311,9 @@ def test_the_table_of_algorithms_takes_the_winner_of_the_own_protocol_alone(
 def test_record_says_what_was_searched(quick, rules, tmp_path):
     with pytest.raises(KeyboardInterrupt):
         run(rules, tmp_path, stopping := Stopping(1))
-    assert stopping.expected.published  # before the first trial of the search
+    # Before the first trial of the search; of 6, 2 and 2 trials in its rungs, 4 come later.
+    assert stopping.expected.published and len(stopping.expected.each) == 6 and stopping.expected.later > 0
     head, one = lines(tmp_path)
     assert head["row"] == "a2c" and head["protocol"] == rules.digest
     assert head["candidates"] == list(candidates("a2c", 3))
     assert one["training_s"] > 0 and SearchRecord(tmp_path / "search", "a2c", rules).seconds_per_step() > 0
-
-
-def test_every_batch_is_counted_from_one(capsys):
-    from usbench.cli.output import sweep_output
-
-    with sweep_output.SweepBars() as bars:
-        for _ in range(2):
-            bars.started(2, 0, None)
-            for _ in range(2):
-                bars.ended(sweep.Outcome(resolve("a2c", "pp", steps=32), None))
-    told = [line for line in capsys.readouterr().err.splitlines() if line.startswith("[")]
-    assert [line.split()[0] for line in told] == ["[1/2]", "[2/2]"] * 2
-    assert told[0].endswith("finished, about 1 min left") and told[1].endswith("finished")

@@ -142,13 +142,11 @@ def _telling(quiet: bool) -> Iterator[None]:
 
 
 class _BesideBars(logging.Handler):
-    """Messages on lines between bars of progress."""
+    """Messages on lines above bars of progress, which take over `sys.stderr` while they are drawn."""
 
     def emit(self, record: logging.LogRecord) -> None:
         """Write one."""
-        from tqdm import tqdm
-
-        tqdm.write(self.format(record), file=sys.stderr)
+        print(self.format(record), file=sys.stderr, flush=True)
 
 
 @contextlib.contextmanager

@@ -125,11 +125,12 @@ def _call(args: argparse.Namespace) -> None:
     trial = _begin(config, args)
     # Now, as these take seconds: what is refused has been refused.
     from usbench.cli.output import trial_output
+    from usbench.cli.output.trial_bars import Bars
     from usbench.figures import learning_curve
     from usbench.trials import callback, runner, wandb_run
     from usbench.watch import replay
 
-    progress: callback.Progress = callback.Silent() if args.quiet else trial_output.Bars()
+    progress: callback.Progress = callback.Silent() if args.quiet else Bars()
     follow = args.wandb and (trial is None or trial.status != "finished")
     try:
         with wandb_run.followed(config) if follow else contextlib.nullcontext():

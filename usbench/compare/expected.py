@@ -1,7 +1,7 @@
 """How long trials will take, by finished ones: those of a folder, else those that come with the package."""
 
 import contextlib
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,38 +9,73 @@ from usbench import records
 from usbench.records import Trial, TrialConfig
 from usbench.results import published, tables
 
+# Algorithm and training steps, on which it depends most how long a trial takes.
+Kind = tuple[str, int]
+
 
 @dataclass(frozen=True)
 class Expected:
     """How many seconds trials will take.
 
     Attributes:
-        seconds: The seconds.
+        each: Seconds of each trial by the name of its folder, in the order in which they run. Where
+            `told` is False, all that learn have the same.
+        jobs: Trials that run at a time.
+        later: Seconds of trials that come after these.
+        told: Whether finished trials tell.
         published: Whether the published trials tell, which were trained on other machines.
     """
 
-    seconds: float
+    each: Mapping[str, float]
+    jobs: int
+    later: float = 0.0
+    told: bool = True
     published: bool = False
 
+    @property
+    def seconds(self) -> float:
+        """How long all take: no less than the longest, since none is split."""
+        together = (sum(self.each.values()) + self.later) / self.jobs
+        return max([together, *self.each.values()])
 
-def trials(missing: Sequence[TrialConfig], out: Path, jobs: int) -> Expected | None:
-    """Return how long trials will take, `jobs` at a time; None if no record tells.
+    def left(self, ended: Collection[str], elapsed_s: float) -> float | None:
+        """Return how many seconds it goes on, of which `elapsed_s` have passed; None if nothing tells yet.
+
+        `ended` are folders of trials. Once one that learns has ended, the time so far tells; of the trials
+        that run, each counts as half done.
+        """
+        waiting = [seconds for name, seconds in self.each.items() if name not in ended]
+        total = sum(self.each.values()) + self.later
+        if sum(waiting) + self.later == total:
+            return max(self.seconds - elapsed_s, 0.0) if self.told else None
+        left = sum(waiting) + self.later - sum(waiting[: self.jobs]) / 2
+        return elapsed_s * left / (total - left)
+
+
+def trials(missing: Sequence[TrialConfig], out: Path, jobs: int) -> Expected:
+    """Return how long trials will take, `jobs` at a time.
 
     Finished trials of the same algorithms and steps tell that `out` holds; else the published trials do.
     Agents that do not learn take no time to speak of.
     """
-    keys = [(config.algo, config.steps) for config in missing if config.steps]
-    known = _finished(out)
-    if all(key in known for key in keys):
-        return Expected(_side_by_side([known[key] for key in keys], jobs))
-    return by_published(keys, jobs)
+    kinds = {(config.algo, config.steps) for config in missing if config.steps}
+    known: Mapping[Kind, float] | None = _finished(out)
+    own = kinds <= set(known or {})
+    if not own:
+        known = by_published(kinds)
+    each = {
+        config.folder_name: (1.0 if known is None else known[config.algo, config.steps])
+        if config.steps
+        else 0.0
+        for config in missing
+    }
+    return Expected(each, jobs, told=known is not None, published=not own and known is not None)
 
 
-def by_published(keys: Sequence[tuple[str, int]], jobs: int) -> Expected | None:
-    """Return how long trials will take by the published ones; None if these do not tell.
+def by_published(kinds: Iterable[Kind]) -> dict[Kind, float] | None:
+    """Return how many seconds trials take by the published ones; None if these do not tell of each.
 
-    `keys` are algorithm and steps of each. Training takes as long per step as theirs, and a trial as long
-    beside its training.
+    Training takes as long per step as theirs, and a trial as long beside its training.
     """
     table = tables.read(published.folder()).trials
     table = table[(table["status"] == "finished") & (table["steps"] > 0)]
@@ -48,20 +83,17 @@ def by_published(keys: Sequence[tuple[str, int]], jobs: int) -> Expected | None:
         step_s=table["training_s"] / table["steps"], rest_s=table["total_s"] - table["training_s"]
     )
     means = table.groupby("algo")[["step_s", "rest_s"]].mean()
-    if not all(algo in means.index for algo, _ in keys):
+    if not all(algo in means.index for algo, _ in kinds):
         return None
-    seconds = [steps * means.loc[algo, "step_s"] + means.loc[algo, "rest_s"] for algo, steps in keys]
-    return Expected(_side_by_side(seconds, jobs), published=True)
+    return {
+        (algo, steps): steps * float(means.loc[algo, "step_s"]) + float(means.loc[algo, "rest_s"])
+        for algo, steps in kinds
+    }
 
 
-def _side_by_side(seconds: Sequence[float], jobs: int) -> float:
-    """Return how long trials take, `jobs` at a time: no less than the longest, since none is split."""
-    return float(max(sum(seconds) / jobs, max(seconds, default=0)))
-
-
-def _finished(out: Path) -> dict[tuple[str, int], float]:
-    """Return the mean seconds of the finished trials in `out`, by algorithm and steps."""
-    seconds: dict[tuple[str, int], list[float]] = {}
+def _finished(out: Path) -> dict[Kind, float]:
+    """Return the mean seconds of the finished trials in `out`."""
+    seconds: dict[Kind, list[float]] = {}
     for folder in records.trial_folders(out):
         with contextlib.suppress(ValueError):
             trial = Trial.find(folder)

@@ -7,7 +7,7 @@ those that are left with more steps than the rung before, and keeps the best by 
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -128,7 +128,7 @@ def _run_rung(
     missing = {place: config for place, config in planned.items() if place not in record.trials}
     if not missing:
         return
-    recording = _Recording(record, missing, protocol, out, progress, kwargs.get("jobs", 1))
+    recording = _Recording(record, missing, protocol, out, progress)
     outcomes = sweep.run(list(missing.values()), out, recording, evaluates_on_the_way=False, **kwargs)
     reasons = {outcome.config.folder_name: outcome.reason for outcome in outcomes}
     failed = [config for place, config in missing.items() if place not in record.trials]
@@ -149,35 +149,42 @@ class _Recording:
         protocol: Protocol,
         out: Path,
         progress: sweep.Progress,
-        jobs: int,
     ) -> None:
-        self._record, self._protocol, self._out, self._jobs = record, protocol, out, jobs
+        self._record, self._protocol, self._out = record, protocol, out
         self._places = {config.folder_name: place for place, config in missing.items()}
         self._progress = progress
         self.frames, self.retried = progress.frames, progress.retried
 
-    def started(self, n_missing: int, n_finished: int, expected: Expected | None) -> None:
+    def started(self, n_finished: int, expected: Expected) -> None:
         """Tell how long the whole search of the row still takes, later rungs included."""
-        self._progress.started(n_missing, len(self._record.trials), self._left())
+        self._progress.started(len(self._record.trials), self._with_later_rungs(expected))
 
     def ended(self, outcome: sweep.Outcome) -> None:
         """Record the trial, and tell."""
         self._record.add(self._places[outcome.config.folder_name], outcome.config, self._out)
         self._progress.ended(outcome)
 
-    def _left(self) -> Expected | None:
-        """Return how long the trials of all rungs take that are not recorded; None if no record tells.
+    def _with_later_rungs(self, expected: Expected) -> Expected:
+        """Return how long the trials of this rung and of those after it take that are not recorded.
 
-        Before the first trial, the published trials tell.
+        Those that are recorded tell; before the first one, the published trials do.
         """
-        search, per_step = self._protocol.search, self._record.seconds_per_step()
-        if per_step is None:
-            rungs = zip(search.n_trials(), search.rungs, strict=True)
-            keys = [(self._record.row, rung.steps) for n, rung in rungs for _ in range(n)]
-            return by_published(keys, self._jobs)
-        total = sum(n * rung.steps for n, rung in zip(search.n_trials(), search.rungs, strict=True))
-        done: int = sum(one["steps"] for one in self._record.trials.values())
-        return Expected((total - done) * per_step / self._jobs)
+        row, rungs, per_step = self._record.row, self._protocol.search.rungs, self._record.seconds_per_step()
+        kinds = [(row, rung.steps) for rung in rungs]
+        known = by_published(kinds) if per_step is None else {kind: kind[1] * per_step for kind in kinds}
+        if known is None:
+            return replace(expected, told=False)
+        each = [known[kind] for kind in kinds]
+        n_trials = self._protocol.search.n_trials()
+        this = next(iter(self._places.values())).rung
+        later = sum(n * seconds for n, seconds in zip(n_trials[this + 1 :], each[this + 1 :], strict=True))
+        return replace(
+            expected,
+            each=dict.fromkeys(expected.each, each[this]),
+            later=later,
+            told=True,
+            published=per_step is None,
+        )
 
 
 def _hand_over(winner: Winner, protocol: Protocol) -> None:

@@ -45,11 +45,11 @@ class Progress(Protocol):
     def frames(self, done: int, total: int) -> None:
         """`done` of `total` frames are simulated."""
 
-    def started(self, n_missing: int, n_finished: int, expected: Expected | None) -> None:
-        """`n_missing` trials will run, `n_finished` are finished; `expected` is None if unknown."""
+    def started(self, n_finished: int, expected: Expected) -> None:
+        """The trials of `expected` will run; `n_finished` are finished."""
 
     def ended(self, outcome: Outcome) -> None:
-        """A trial has ended."""
+        """A trial has ended, or was found damaged."""
 
     def retried(self, config: TrialConfig) -> None:
         """The process of a trial died; the trial starts again."""
@@ -104,8 +104,7 @@ def run(
     looking = [config for config in missing if entry(config.algo).looks]
     for setting in dict.fromkeys(_of_frames(config) for config in looking):
         setting.prepare_frames(progress.frames)
-    n_finished = len(outcomes) - len(damaged)
-    progress.started(len(missing) + len(damaged), n_finished, expected.trials(missing, out, jobs))
+    progress.started(len(outcomes) - len(damaged), expected.trials(missing, out, jobs))
     for outcome in damaged:
         progress.ended(outcome)
     others = set(multiprocessing.active_children())

@@ -93,6 +93,8 @@ def run_trial(
                 points = points if evaluates_on_the_way else points[-1:]
                 files = ResumeFiles(folder, seconds)
                 _run(config, out, points, files, progress or Silent(), anew=overwrite, rehearse=rehearse)
+    if finished is not None:  # what a process left that was killed in its last moment
+        ResumeFiles(folder, seconds).clear()
     # Trials of earlier versions have recorded no code.
     codes = ("", checksums.of_source(zoo.model_class(config.algo)))
     return Result(folder, finished is not None, finished is not None and finished.code not in codes)

@@ -5,15 +5,9 @@ import time
 from collections.abc import Sequence
 
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from usbench.cli.output.durations import duration
 from usbench.compare.expected import Expected
 from usbench.compare.sweep import Outcome
 from usbench.records import TrialConfig
@@ -28,21 +22,15 @@ class SweepBars:
     def __init__(self, quiet: bool = False) -> None:
         """Draw nothing yet."""
         self._console = Console(stderr=True, highlight=False, soft_wrap=True)
-        self._quiet, self._quarter, self._ended, self._missing = quiet, 0, 0, 0
-        columns = (
+        self._quiet, self._quarter = quiet, 0
+        self._bar = Progress(
             TextColumn("{task.description}"),
             BarColumn(),
             MofNCompleteColumn(),
             TimeElapsedColumn(),
-            TextColumn("left:"),
-            # The speed over the whole sweep: trials end in bursts, hours apart.
-            TimeRemainingColumn(),
-        )
-        self._bar = Progress(
-            *columns,
+            TextColumn("{task.fields[left]}"),
             console=self._console,
             disable=quiet or not sys.stderr.isatty(),
-            speed_estimate_period=86_400,
         )
 
     def __enter__(self) -> "SweepBars":
@@ -60,34 +48,35 @@ class SweepBars:
             self._quarter = 4 * done // total
             self._say(f"simulating frames: {done} of {total}")
 
-    def started(self, n_missing: int, n_finished: int, expected: Expected | None) -> None:
-        """`n_missing` trials will run and `n_finished` are finished."""
-        self._missing, self._ended, self._begun = n_missing, 0, time.monotonic()
-        self._task = self._bar.add_task("trials", total=n_missing)
+    def started(self, n_finished: int, expected: Expected) -> None:
+        """The trials of `expected` will run, and `n_finished` are finished."""
+        self._expected, self._ended, self._begun = expected, set[str](), time.monotonic()
+        n_missing = len(expected.each)
+        self._task = self._bar.add_task("trials", total=n_missing, left="")
         told = f"{n_missing} {'trial' if n_missing == 1 else 'trials'} to run, {n_finished} finished already"
         if n_missing:
-            told += (
-                ", no record tells how long" if expected is None else f", about {_duration(expected.seconds)}"
-            )
-            told += " as in the published trials" if expected is not None and expected.published else ""
+            told += f", {duration(expected.seconds)}" if expected.told else ", no record tells how long"
+            told += " as in the published trials" if expected.published else ""
         self._say(told)
 
     def ended(self, outcome: Outcome) -> None:
-        """A trial has ended."""
-        self._ended += 1
-        self._bar.advance(self._task)
+        """A trial has ended, or was found damaged."""
+        if outcome.config.folder_name not in self._expected.each:
+            self._say(f"{outcome.config.title}: damaged")
+            return
+        self._ended.add(outcome.config.folder_name)
         state = "finished" if outcome.reason is None else "failed"
-        left = self._missing - self._ended
-        told = f", about {_duration(left * self._seconds_each())} left" if left else ""
-        self._say(f"[{self._ended}/{self._missing}] {outcome.config.title}: {state}{told}")
+        n_missing = len(self._expected.each)
+        seconds = self._expected.left(self._ended, time.monotonic() - self._begun)
+        goes_on = len(self._ended) < n_missing or self._expected.later
+        left = f"{duration(seconds)} left" if goes_on and seconds is not None else ""
+        self._bar.update(self._task, completed=len(self._ended), left=left)
+        told = f"[{len(self._ended)}/{n_missing}] {outcome.config.title}: {state}"
+        self._say(f"{told}, {left}" if left else told)
 
     def retried(self, config: TrialConfig) -> None:
         """The process of a trial died; the trial starts again."""
         self._say(f"{config.title}: its process died, the trial starts again")
-
-    def _seconds_each(self) -> float:
-        """Return what a trial has taken so far, trials side by side counted once."""
-        return (time.monotonic() - self._begun) / self._ended
 
     def _say(self, line: str) -> None:
         if not self._quiet:
@@ -98,8 +87,3 @@ def failures(outcomes: Sequence[Outcome]) -> list[str]:
     """Return a line with its reason for each trial that failed."""
     failed = [outcome for outcome in outcomes if outcome.reason is not None]
     return [f"{outcome.config.title} failed: {outcome.reason}" for outcome in failed]
-
-
-def _duration(seconds: float) -> str:
-    minutes = round(seconds / 60)
-    return f"{minutes // 60} h {minutes % 60} min" if minutes >= 60 else f"{max(minutes, 1)} min"

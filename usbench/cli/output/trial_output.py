@@ -1,15 +1,11 @@
-"""What a person sees in the terminal: progress while a trial runs, a table and paths when it has ended."""
+"""What a person sees in the terminal when a trial has ended: a table, what it means, and paths."""
 
 import shlex
-import sys
-import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 from rich.table import Table
-from tqdm import tqdm
 
 from usbench import records, suite
 from usbench.agents import zoo
@@ -43,81 +39,6 @@ COLUMNS = (
 )
 # Characters: the numbers of all columns, and what is left for a name that is folded.
 NARROWEST = 72
-
-
-class Bars:
-    """Progress on stderr: bars in a terminal, a line now and then in a file or a pipe.
-
-    A `usbench.trials.callback.Progress`.
-    """
-
-    def __init__(self) -> None:
-        """Draw nothing yet."""
-        self._live = sys.stderr.isatty()
-        self._bar: Any = None
-        self._name = ""
-        self._quarter = 0
-        # When the training began, at which step, and at which of how many steps it is.
-        self._begun: tuple[float, int] | None = None
-        self._now = (0, 0)
-
-    def frames(self, done: int, total: int) -> None:
-        """`done` of `total` frames are simulated."""
-        if self._live:
-            self._show("simulating frames", done, total, "frame")
-        elif total and 4 * done // total > self._quarter:
-            self._quarter = 4 * done // total
-            print(f"simulating frames: {done} of {total}", file=sys.stderr, flush=True)
-
-    def expected(self, wall_s: float, cpu_s: float) -> None:
-        """Training and evaluations, which begin now, will take about so long, and so much of the cores."""
-        told = (
-            f"training and evaluations: {duration(wall_s)} as this machine is now ({duration(cpu_s)} of CPU "
-        )
-        print(f"{told}time), by a short rehearsal", file=sys.stderr, flush=True)
-
-    def training(self, step: int, steps: int, mean_return: float, score: float) -> None:
-        """Training is at `step` of `steps`; mean return and normalised score of the last episodes."""
-        if self._begun is None:
-            self._begun = time.monotonic(), step
-        self._now = step, steps
-        if self._live:
-            self._show("training", step, steps, "step", f"return {mean_return:.2f}, score {score:.2f}")
-
-    def evaluated(self, step: int, mean_return: float, score: float) -> None:
-        """The agent was evaluated at `step`; mean return and score of its greedy actions."""
-        line = (
-            f"step {step}: evaluation return {mean_return:.2f}, normalised score {score:.2f}{self._to_go()}"
-        )
-        if self._live:
-            tqdm.write(line, file=sys.stderr)
-        else:
-            print(line, file=sys.stderr, flush=True)
-
-    def _to_go(self) -> str:
-        """Return in words how long the training goes on, as it went so far; empty where nobody knows."""
-        step, steps = self._now
-        if self._begun is None or step <= self._begun[1] or step >= steps:
-            return ""
-        each = (time.monotonic() - self._begun[0]) / (step - self._begun[1])
-        return f", {duration(each * (steps - step))} to go"
-
-    def stopping(self) -> None:
-        """Somebody has asked for the end, which comes before the next rollout."""
-        print("stopping before the next rollout; Ctrl-C again stops at once", file=sys.stderr, flush=True)
-
-    def close(self) -> None:
-        """Leave the last bar as it stands."""
-        if self._bar is not None:
-            self._bar.close()
-
-    def _show(self, name: str, done: int, total: int, unit: str, postfix: str = "") -> None:
-        if name != self._name:
-            self.close()
-            self._bar = tqdm(total=total, desc=name, unit=unit, file=sys.stderr, dynamic_ncols=True)
-            self._name = name
-        self._bar.set_postfix_str(postfix, refresh=False)
-        self._bar.update(done - self._bar.n)
 
 
 def trial_table(folder: Path) -> Table:
@@ -181,13 +102,6 @@ def _is_guided(config: TrialConfig) -> bool:
     """Return whether the guide takes it: a learner of this package, on a task that moves the probe."""
     learned = config.steps > 0 and zoo.is_of_the_package(config.algo)
     return learned and suite.TASKS[config.task].is_guided
-
-
-def duration(seconds: float) -> str:
-    """Return about how long that is, in words: "about 40 s", "about 3 min", "about 2.5 h"."""
-    if seconds < 95:
-        return f"about {max(10 * round(seconds / 10), 10)} s"
-    return f"about {round(seconds / 60)} min" if seconds < 6000 else f"about {seconds / 3600:.1f} h"
 
 
 def not_learned(config: TrialConfig) -> str:
