@@ -78,6 +78,14 @@ def test_many_settings_are_a_digest_and_steps_are_one_of_them():
     assert len(found[2]) == len("vpg 01234567") and "=" not in found[2]
 
 
+def test_what_a_row_leaves_out_has_its_value_in_a_name():
+    told = json.loads(trial("vpg")["settings"]) | {"senses": "heading"}
+    both = [trial("vpg", seed=seed, settings=json.dumps(told), configuration="00000004") for seed in (0, 1)]
+    assert names(*both, trial("vpg")) == ["vpg", "vpg", "vpg senses=none"]
+    many = [trial("vpg", seed=seed, settings='{"n_envs": 16}', configuration="00000005") for seed in (0, 1)]
+    assert names(*many, trial("vpg", settings="{}"))[2] == "vpg n_envs=1"
+
+
 def test_other_settings_with_another_noise_are_a_row_of_their_own_too():
     mixed = [trial("vpg"), trial("vpg", noise=0.25), trial("vpg", task="pp"), other(noise=0.5)]
     assert names(*mixed) == ["vpg", "vpg", "vpg", "vpg gamma=0.9"]

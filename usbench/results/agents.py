@@ -1,6 +1,7 @@
 """Which configuration of an algorithm bears the algorithm's name, where a cell has several."""
 
 import json
+from typing import Any
 
 import pandas as pd
 
@@ -11,6 +12,8 @@ from usbench.tasks import PAPER, row_of
 
 # Settings that a name spells out; a name with more of them has a digest in their place.
 SPELLED = 2
+# Settings that are left out of a trial's row where they are so.
+UNSAID = {"explores": False, "n_envs": 1, "senses": "none"}
 
 
 def named(trials: pd.DataFrame) -> pd.DataFrame:
@@ -93,11 +96,14 @@ def has_hyperparameters(trial: pd.Series) -> bool:
     return all(settings.get(name) == value for name, value in wanted.items())
 
 
+def spelled(settings: str, steps: int) -> dict[str, Any]:
+    """Return the settings of a trial and its steps, with those that stand in no table where they are so."""
+    return UNSAID | json.loads(settings) | {"steps": steps}
+
+
 def _difference(rows: pd.DataFrame, others: pd.DataFrame) -> str:
     """Return the settings in which trials of one configuration differ from those of another, in words."""
-    own, other = (
-        json.loads(each["settings"].iloc[0]) | {"steps": each["steps"].iloc[0]} for each in (rows, others)
-    )
+    own, other = (spelled(each["settings"].iloc[0], each["steps"].iloc[0]) for each in (rows, others))
     differing = {key: own.get(key) for key in sorted({*own, *other}) if own.get(key) != other.get(key)}
     if len(differing) > SPELLED:
         return digest(differing)

@@ -1,13 +1,12 @@
 """How results were made, from the rows of trials: command, versions, time, and what a reader has to know."""
 
-import json
 from collections import defaultdict
 from collections.abc import Sequence
 
 import pandas as pd
 
 from usbench import seed_pools
-from usbench.results.agents import has_frames, has_hyperparameters, named
+from usbench.results.agents import has_frames, has_hyperparameters, named, spelled
 from usbench.results.protocol import further, unseen
 from usbench.results.scores import CELL, Cell, environments
 from usbench.results.text import code, in_lines
@@ -129,8 +128,7 @@ def _configurations(trials: pd.DataFrame) -> list[str]:
         if len(variants) == 1:
             continue
         settings = pd.DataFrame(
-            [json.loads(row.settings) | {"steps": row.steps} for row in variants.itertuples()],
-            index=variants.index,
+            [spelled(row.settings, row.steps) for row in variants.itertuples()], index=variants.index
         ).astype(str)
         differing = settings.loc[:, settings.nunique() > 1]
         each = [
