@@ -2,11 +2,9 @@
 
 import json
 
+from usbench.envs.observation.senses import ACTIONS
 from usbench.records import TrialConfig
 from usbench.setting import Setting
-
-# What any agent may be told: its own last actions.
-ACTIONS = "actions"
 
 
 def is_on_its_task(config: TrialConfig) -> bool:
