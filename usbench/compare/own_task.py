@@ -2,7 +2,7 @@
 
 import json
 
-from usbench.envs.observation.senses import ACTIONS
+from usbench.ceilings import ACTIONS
 from usbench.records import TrialConfig
 from usbench.setting import Setting
 
