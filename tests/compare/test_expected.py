@@ -5,7 +5,7 @@ import shutil
 import pytest
 
 from usbench.compare import expected
-from usbench.compare.expected import Expected
+from usbench.compare.expected import End, Expected
 from usbench.results import published, tables
 from usbench.trials.configuration import resolve
 
@@ -47,14 +47,37 @@ def test_trials_run_side_by_side_and_none_is_split():
     assert Expected({"a": 40.0}, 2, later=60.0).seconds == 50
 
 
+def left(each, jobs, *ends, **others):
+    """What is left when the trials `ends`, name and second, have ended."""
+    return Expected(each, jobs, **others).left([End(*end) for end in ends])
+
+
 def test_time_left_is_by_what_was_expected_until_a_learner_has_ended_then_by_what_it_took():
-    told = Expected({"stay": 0.0, "quick": 100.0, "slow": 300.0, "last": 200.0}, jobs=1)
-    assert told.left({"stay"}, 5) == 595
-    # A sixth is done, half of the slow one counts as done too: 250 of 600 in 1000 s.
-    assert told.left({"stay", "quick"}, 1000) == pytest.approx(1000 * 350 / 250)
-    assert told.left({"stay", "quick", "slow", "last"}, 1000) == 0
-    # What comes later is not running yet.
-    assert Expected({"a": 100.0}, 1, later=300.0).left({"a"}, 50) == pytest.approx(150)
-    # Nobody knows before the first has ended.
-    assert Expected({"a": 1.0, "b": 1.0, "c": 1.0}, 1, told=False).left(set(), 5) is None
-    assert Expected({"a": 1.0, "b": 1.0, "c": 1.0}, 1, told=False).left({"a"}, 15) == pytest.approx(15)
+    each = {"stay": 0.0, "quick": 100.0, "slow": 300.0, "last": 200.0}
+    assert left(each, 1, ("stay", 5)) == 600
+    # It took twice as long as was expected, and so will the others.
+    assert left(each, 1, ("stay", 5), ("quick", 205)) == pytest.approx(1000)
+    assert left(each, 1, ("stay", 0), ("quick", 100), ("slow", 400), ("last", 600)) == 0
+    assert left({"a": 100.0}, 1, ("a", 50), later=300.0) == pytest.approx(150)
+
+
+def test_time_left_counts_what_runs_since_it_began():
+    each = dict.fromkeys("abcd", 3600.0)
+    assert left(each, 4, ("a", 3600)) == 0
+    # `c` began when `a` had ended, and `d`, which takes 3650 s, when `b` had.
+    assert left(each, 2, ("a", 3600), ("b", 3700)) == pytest.approx(3650)
+    # None is split: the long one has only begun.
+    long = {**dict.fromkeys("abcd", 600.0), "long": 36_000.0}
+    assert left(long, 2, ("a", 600), ("b", 600), ("c", 1200)) == pytest.approx(36_000)
+
+
+def test_what_failed_tells_no_time():
+    each = dict.fromkeys("abcdefghij", 3600.0)
+    assert left(each, 1, ("a", 3, False)) == pytest.approx(9 * 3600)
+    assert left(each, 1, ("a", 3, False), ("b", 7203)) == pytest.approx(8 * 7200)
+
+
+def test_nobody_knows_how_long_own_algorithms_take_before_the_first_has_ended():
+    each = {"stay": 0.0, "a": 1.0, "b": 1.0}
+    assert left(each, 1, told=False) is None and left(each, 1, ("stay", 5), told=False) is None
+    assert left(each, 1, ("stay", 5), ("a", 35), told=False) == pytest.approx(30)

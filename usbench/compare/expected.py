@@ -1,9 +1,11 @@
 """How long trials will take, by finished ones: those of a folder, else those that come with the package."""
 
 import contextlib
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
+from typing import NamedTuple
 
 from usbench import records
 from usbench.records import Trial, TrialConfig
@@ -11,6 +13,14 @@ from usbench.results import published, tables
 
 # Algorithm and training steps, on which it depends most how long a trial takes.
 Kind = tuple[str, int]
+
+
+class End(NamedTuple):
+    """The end of a trial: its folder's name, when in seconds of the sweep, and whether it is finished."""
+
+    name: str
+    at_s: float
+    finished: bool = True
 
 
 @dataclass(frozen=True)
@@ -38,18 +48,29 @@ class Expected:
         together = (sum(self.each.values()) + self.later) / self.jobs
         return max([together, *self.each.values()])
 
-    def left(self, ended: Collection[str], elapsed_s: float) -> float | None:
-        """Return how many seconds it goes on, of which `elapsed_s` have passed; None if nothing tells yet.
+    def left(self, ends: Sequence[End]) -> float | None:
+        """Return how many seconds it goes on after the last of `ends`; None if nothing tells yet.
 
-        `ended` are folders of trials. Once one that learns has ended, the time so far tells; of the trials
-        that run, each counts as half done.
+        Those that learned tell how much longer trials take than was expected: one starts when another ends.
         """
-        waiting = [seconds for name, seconds in self.each.items() if name not in ended]
-        total = sum(self.each.values()) + self.later
-        if sum(waiting) + self.later == total:
-            return max(self.seconds - elapsed_s, 0.0) if self.told else None
-        left = sum(waiting) + self.later - sum(waiting[: self.jobs]) / 2
-        return elapsed_s * left / (total - left)
+        waiting = iter(self.each)
+        starts = dict.fromkeys(islice(waiting, self.jobs), 0.0)
+        for end in ends:
+            if (name := next(waiting, None)) is not None:
+                starts[name] = end.at_s
+        now = ends[-1].at_s if ends else 0.0
+        learned = [end for end in ends if end.finished and self.each[end.name]]
+        if not (learned or self.told):
+            return None
+        took = sum(end.at_s - starts.get(end.name, 0.0) for end in learned)
+        longer = took / sum(self.each[end.name] for end in learned) if learned else 1.0
+        gone = {end.name for end in ends}
+        rest = [
+            max(longer * seconds - (now - starts.get(name, now)), 0.0)
+            for name, seconds in self.each.items()
+            if name not in gone
+        ]
+        return max([(sum(rest) + longer * self.later) / self.jobs, *rest])
 
 
 def trials(missing: Sequence[TrialConfig], out: Path, jobs: int) -> Expected:

@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from usbench.cli.output.durations import duration
-from usbench.compare.expected import Expected
+from usbench.compare.expected import End, Expected
 from usbench.compare.sweep import Outcome
 from usbench.records import TrialConfig
 
@@ -50,7 +50,7 @@ class SweepBars:
 
     def started(self, n_finished: int, expected: Expected) -> None:
         """The trials of `expected` will run, and `n_finished` are finished."""
-        self._expected, self._ended, self._begun = expected, set[str](), time.monotonic()
+        self._expected, self._ends, self._begun = expected, list[End](), time.monotonic()
         n_missing = len(expected.each)
         self._task = self._bar.add_task("trials", total=n_missing, left="")
         told = f"{n_missing} {'trial' if n_missing == 1 else 'trials'} to run, {n_finished} finished already"
@@ -64,14 +64,14 @@ class SweepBars:
         if outcome.config.folder_name not in self._expected.each:
             self._say(f"{outcome.config.title}: damaged")
             return
-        self._ended.add(outcome.config.folder_name)
-        state = "finished" if outcome.reason is None else "failed"
-        n_missing = len(self._expected.each)
-        seconds = self._expected.left(self._ended, time.monotonic() - self._begun)
-        goes_on = len(self._ended) < n_missing or self._expected.later
+        finished = outcome.reason is None
+        self._ends.append(End(outcome.config.folder_name, time.monotonic() - self._begun, finished))
+        n_ended, n_missing = len(self._ends), len(self._expected.each)
+        seconds = self._expected.left(self._ends)
+        goes_on = n_ended < n_missing or self._expected.later
         left = f"{duration(seconds)} left" if goes_on and seconds is not None else ""
-        self._bar.update(self._task, completed=len(self._ended), left=left)
-        told = f"[{len(self._ended)}/{n_missing}] {outcome.config.title}: {state}"
+        self._bar.update(self._task, completed=n_ended, left=left)
+        told = f"[{n_ended}/{n_missing}] {outcome.config.title}: {'finished' if finished else 'failed'}"
         self._say(f"{told}, {left}" if left else told)
 
     def retried(self, config: TrialConfig) -> None:
