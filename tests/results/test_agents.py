@@ -57,6 +57,32 @@ def test_the_settings_of_the_table_of_algorithms_keep_the_name_however_many_tria
     assert found[:3] == ["vpg"] * 3 and not {"vpg"} & {*found[3:]}
 
 
+@pytest.mark.parametrize(
+    ("changed", "said"), [({"n_envs": 16}, "n_envs=16"), ({"senses": "heading"}, "senses=heading")]
+)
+@pytest.mark.parametrize("n", [3, 4, 11])
+def test_other_environments_and_senses_do_not_take_the_name(changed, said, n):
+    settings = json.dumps(json.loads(own()["settings"]) | changed)
+    others = [own(seed=seed) | {"settings": settings, "configuration": "00000006"} for seed in range(n)]
+    assert names(*(own(seed=seed) for seed in range(3)), *others) == ["vpg"] * 3 + [f"vpg {said}"] * n
+
+
+def test_an_algorithm_with_many_environments_of_its_own_is_usual_with_them():
+    settings = zoo.hyperparameters("double_dqn", "pp-random")
+    many, one = (
+        trial("double_dqn", task="pp-random", steps=100_000, settings=json.dumps(settings | {"n_envs": n}))
+        for n in (zoo.entry("double_dqn").n_envs, 1)
+    )
+    assert [agents.has_envs(row) for row in (many, one)] == [True, False]
+
+
+def test_an_unfinished_trial_is_in_the_row_of_its_configuration_though_nobody_knows_whether_it_explores():
+    done = json.dumps({"environment": "e", "explores": True})
+    rows = [trial("mine:DQN", seed=seed, settings=done) for seed in range(3)]
+    waits = trial("mine:DQN", seed=3, settings='{"environment": "e"}', status="missing")
+    assert names(*rows, waits) == ["mine:DQN"] * 4
+
+
 def test_trials_with_less_than_the_budget_do_not_take_the_name():
     short = [own(seed=seed, steps=640, configuration="00000002") for seed in range(4)]
     assert names(own(), *short) == ["vpg"] + ["vpg steps=640"] * 4
@@ -66,7 +92,7 @@ def test_every_trial_of_the_grid_has_the_settings_of_the_table_of_algorithms():
     """So that no other trial can take the name of one of its rows."""
     trials = further.first(tables.read(GRID)).trials
     learned = trials[trials["steps"] > 0]
-    assert len(learned) and (learned.apply(agents._alike, axis=1) == 3).all()
+    assert len(learned) and learned.apply(agents.is_usual, axis=1).all()
 
 
 def test_many_settings_are_a_digest_and_steps_are_one_of_them():
@@ -78,12 +104,13 @@ def test_many_settings_are_a_digest_and_steps_are_one_of_them():
     assert len(found[2]) == len("vpg 01234567") and "=" not in found[2]
 
 
-def test_what_a_row_leaves_out_has_its_value_in_a_name():
-    told = json.loads(trial("vpg")["settings"]) | {"senses": "heading"}
-    both = [trial("vpg", seed=seed, settings=json.dumps(told), configuration="00000004") for seed in (0, 1)]
-    assert names(*both, trial("vpg")) == ["vpg", "vpg", "vpg senses=none"]
-    many = [trial("vpg", seed=seed, settings='{"n_envs": 16}', configuration="00000005") for seed in (0, 1)]
-    assert names(*many, trial("vpg", settings="{}"))[2] == "vpg n_envs=1"
+@pytest.mark.parametrize(
+    ("changed", "said"), [({"n_envs": 16}, "vpg n_envs=1"), ({"senses": "heading"}, "vpg senses=none")]
+)
+def test_what_a_row_leaves_out_has_its_value_in_a_name(changed, said):
+    settings = json.dumps(json.loads(trial("vpg")["settings"]) | changed)
+    most = [trial("vpg", noise=noise, settings=settings, configuration="00000004") for noise in (0.0, 0.5)]
+    assert names(*most, trial("vpg")) == ["vpg", "vpg", said]
 
 
 def test_other_settings_with_another_noise_are_a_row_of_their_own_too():

@@ -70,10 +70,23 @@ def test_command_counts_seeds_from_the_first_of_comparisons():
         [usual("vpg"), usual("vpg", noise=0.5), usual("vpg", noise=0.5, seed=101)],
         [usual("vpg"), usual("vpg", configuration="00000002")],
         [usual(of={"gamma": 0.5})],
+        [usual(of={"n_envs": 16})],
+        [usual(of={"senses": "heading"})],
         [trial("oracle")],
         [],
     ],
-    ids=["hole", "later", "earlier version", "cells", "configurations", "settings", "no learner", "nothing"],
+    ids=[
+        "hole",
+        "later",
+        "earlier version",
+        "cells",
+        "configurations",
+        "settings",
+        "environments",
+        "senses",
+        "no learner",
+        "nothing",
+    ],
 )
 def test_what_no_comparisons_make_names_none(trials):
     assert provenance.commands(made(*trials).trials) == []

@@ -5,6 +5,7 @@ import json
 import pytest
 from made_tables import STEPS, made, seeds, trial
 
+from usbench.agents import zoo
 from usbench.ceilings import ceiling
 from usbench.figures import comparison
 from usbench.results import leaderboard, provenance, scores, verdict
@@ -13,7 +14,7 @@ from usbench.results.protocol import further, unseen
 
 def told(task, algo="double_dqn", score=0.8, senses="", n_frames=4, **changes):
     """Return a trial of the table; its settings name it."""
-    settings = {"environment": "e", "gamma": 0.9, "n_frames": n_frames}
+    settings = {"environment": "e", **zoo.hyperparameters(algo, task), "n_envs": 32, "n_frames": n_frames}
     text = json.dumps(settings | ({"senses": senses} if senses else {}))
     name = f"{task}-{algo}-{senses}-{n_frames}-{changes.get('seed', 100)}"
     row = {"steps": unseen.STEPS, "seed": 100, "settings": text, "trial": name, "configuration": name[:-4]}
@@ -128,10 +129,10 @@ def test_only_this_table_has_its_columns():
 
 
 def test_agents_that_are_told_other_things_stand_in_one_cell():
-    known = made(*(told("pp-tracked", senses=senses) for senses in ("heading", "position heading")))
+    known = made(*(told("pp-tracked", senses=senses) for senses in ("heading", "position")))
     assert set(scores.matrices(known)[0]) == {
         "double_dqn senses=heading",
-        "double_dqn senses=position heading",
+        "double_dqn senses=position",
     }
     assert not any("different environments" in note for note in provenance.notes(known.trials))
 
@@ -153,6 +154,14 @@ def test_commands_say_what_differs_from_the_defaults():
     command = "usbench run --algo double_dqn --task pp-tracked --steps 100000 --noise 0.25 --senses heading"
     made_by = joined(provenance.making(several.trials))
     assert f"for seed in 100 101; do {command} --seed $seed; done" in made_by
+
+
+@pytest.mark.parametrize("changed", [{"gamma": 0.5}, {"n_envs": 1}])
+def test_no_command_is_told_that_would_make_other_trials(changed):
+    own = told("pp-tracked")
+    other = own | {"settings": json.dumps(json.loads(own["settings"]) | changed)}
+    assert "usbench run" in provenance.making(made(own).trials)
+    assert "usbench run" not in provenance.making(made(other).trials)
 
 
 def joined(text):

@@ -1,19 +1,21 @@
 """Which configuration of an algorithm bears the algorithm's name, where a cell has several."""
 
 import json
+import math
 from typing import Any
 
 import pandas as pd
 
 from usbench.agents.zoo import ZOO
+from usbench.ceilings import TASKS
 from usbench.records import TrialConfig
-from usbench.results.tables import digest, n_frames
+from usbench.results.tables import digest, n_frames, senses
 from usbench.tasks import PAPER, row_of
 
 # Settings that a name spells out; a name with more of them has a digest in their place.
 SPELLED = 2
 # Settings that are left out of a trial's row where they are so.
-UNSAID = {"explores": False, "n_envs": 1, "senses": "none"}
+UNSAID = {"n_envs": 1, "senses": "none"}
 
 
 def named(trials: pd.DataFrame) -> pd.DataFrame:
@@ -39,7 +41,8 @@ def _kinds(own: pd.DataFrame) -> pd.Series:
 
     Configurations of two cells are never the same; their settings are. Of one cell, both should be.
     """
-    kinds = own["settings"] + own["steps"].map(" {}".format)
+    spelt = [spelled(one.settings, one.steps) for one in own.itertuples()]
+    kinds = pd.Series([json.dumps(each, sort_keys=True) for each in spelt], index=own.index, dtype=str)
     several = own["configuration"].groupby([own["task"], own["noise"], kinds]).transform("nunique") > 1
     return kinds.where(~several, kinds + " " + own["configuration"])
 
@@ -69,14 +72,35 @@ def _names(algo: str, own: pd.DataFrame) -> pd.Series:
 
 
 def _alike(trial: pd.Series) -> int:
-    """Return how many of hyperparameters, steps and frames are those of the table of algorithms."""
+    """Return how many of the steps and of what `is_usual` looks at are as the command takes them."""
     whole = trial["steps"] == row_of(trial["task"]).steps
-    return int(has_hyperparameters(trial)) + int(whole) + int(has_frames(trial))
+    return int(whole) + sum(_usual(trial))
+
+
+def is_usual(trial: pd.Series) -> bool:
+    """Return whether hyperparameters, frames, environments and senses are those of the command itself."""
+    return all(_usual(trial))
+
+
+def _usual(trial: pd.Series) -> tuple[bool, ...]:
+    return has_hyperparameters(trial), has_frames(trial), has_envs(trial), has_senses(trial)
 
 
 def has_frames(trial: pd.Series) -> bool:
     """Return whether the agent sees as many frames as the command takes by itself."""
     return n_frames(trial["settings"]) == TrialConfig.n_frames
+
+
+def has_senses(trial: pd.Series) -> bool:
+    """Return whether the agent is told what its task tells by itself."""
+    return set(senses(trial["settings"])) == set(TASKS.get(trial["task"], ()))
+
+
+def has_envs(trial: pd.Series) -> bool:
+    """Return whether as many environments learn in step as the command takes by itself."""
+    settings, row = json.loads(trial["settings"]), ZOO.get(trial["algo"].partition("+")[0])
+    asked, rollout = (1, 1) if row is None else (row.n_envs, int(settings.get("n_steps", 0)))
+    return bool(settings.get("n_envs", 1) == math.gcd(asked, int(trial["steps"]), rollout))
 
 
 def has_hyperparameters(trial: pd.Series) -> bool:
@@ -97,8 +121,12 @@ def has_hyperparameters(trial: pd.Series) -> bool:
 
 
 def spelled(settings: str, steps: int) -> dict[str, Any]:
-    """Return the settings of a trial and its steps, with those that stand in no table where they are so."""
-    return UNSAID | json.loads(settings) | {"steps": steps}
+    """Return the settings of a trial and its steps, with those that stand in no table where they are so.
+
+    That its agent explores is left out: it is known of finished trials alone.
+    """
+    own = UNSAID | json.loads(settings) | {"steps": int(steps)}
+    return {key: value for key, value in own.items() if key != "explores"}
 
 
 def _difference(rows: pd.DataFrame, others: pd.DataFrame) -> str:

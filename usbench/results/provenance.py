@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import pandas as pd
 
 from usbench import seed_pools
-from usbench.results.agents import has_frames, has_hyperparameters, named, spelled
+from usbench.results.agents import is_usual, named, spelled
 from usbench.results.protocol import further, unseen
 from usbench.results.scores import CELL, Cell, environments
 from usbench.results.text import code, in_lines
@@ -78,8 +78,7 @@ def _rows(trials: pd.DataFrame) -> pd.DataFrame:
     """Return the trials that learned and are in the row of their algorithm, with its settings of today."""
     own = named(trials)
     own = own[(own["steps"] > 0) & (own["agent"] == own["algo"])]
-    alike = (has_hyperparameters(one) and has_frames(one) for _, one in own.iterrows())
-    return own[pd.Series(alike, index=own.index, dtype=bool)]
+    return own[pd.Series((is_usual(one) for _, one in own.iterrows()), index=own.index, dtype=bool)]
 
 
 def _options(task: str, own: pd.DataFrame) -> str:

@@ -12,6 +12,7 @@ import pandas as pd
 from usbench.ceilings import TASKS, bound, ceiling
 from usbench.records import TrialConfig
 from usbench.results import tables, text
+from usbench.results.agents import has_envs, has_hyperparameters
 from usbench.tasks import row_of
 
 NAME = "unseen-phantoms"
@@ -64,10 +65,14 @@ def _ceiling(task: str, senses: Iterable[str], noise: float) -> str:
 def commands(trials: pd.DataFrame) -> list[str]:
     """Return the commands that make the trials of the rows that have their algorithm's name.
 
+    Trials with other hyperparameters, or with another number of environments, are left out.
+
     Args:
         trials: The trials of this table, with the column `agent`.
     """
     own = trials[(trials["steps"] > 0) & (trials["agent"] == trials["algo"])]
+    usual = (has_hyperparameters(one) and has_envs(one) for _, one in own.iterrows())
+    own = own[pd.Series(usual, index=own.index, dtype=bool)]
     cells = ["task", "noise", "algo", "steps", "settings"]
     return [_command(*cell, seeds=rows["seed"]) for cell, rows in own.groupby(cells)]
 
