@@ -11,6 +11,7 @@ from trials import SMALL
 from usbench import cli, records, released
 from usbench.checks import ConfigurationError
 from usbench.compare import model_card, release
+from usbench.results import published, scores, tables
 from usbench.setting import make_env
 from usbench.trials import runner
 from usbench.trials.configuration import resolve
@@ -152,3 +153,17 @@ def test_the_interval_of_a_score_is_that_of_its_mean():
     assert low < scores.mean() < high
     assert (high - low) / 2 == pytest.approx(1.96 * 0.1 / np.sqrt(400), rel=0.15)
     assert model_card.interval(np.full(5, 0.7)) == (0.7, 0.7)
+
+
+def test_a_card_compares_trials_with_those_of_their_own_name_in_the_leaderboard():
+    known = tables.read(published.folder())
+    final = scores.last(known).set_index("trial")["normalized_score"]
+    own = known.trials[(known.trials["task"] == "pp") & (known.trials["noise"] == 0)]
+    # The grid's and those with single frames have the same algorithms and seeds.
+    assert own[["algo", "seed"]].duplicated().any()
+    rivals = [
+        model_card.Rival(one.trial, one.algo, one.seed, final[one.trial])
+        for one in own[own["steps"] > 0].itertuples()
+    ]
+    assert model_card._others_again(rivals) == ""
+    assert " 1 of them has another score" in model_card._others_again([rivals[0]._replace(score=0.123)])

@@ -5,6 +5,7 @@ what, how it was evaluated, how it was trained, and what it cannot do.
 """
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -26,13 +27,22 @@ N_WORST = 3
 SAME = 1e-4
 
 
-def text(trial: Trial, name: str, scores: Sequence[tuple[str, int, float]], weights: str) -> str:
+class Rival(NamedTuple):
+    """A trial among which an agent was chosen: its name, algorithm, seed and score."""
+
+    trial: str
+    algo: str
+    seed: int
+    score: float
+
+
+def text(trial: Trial, name: str, rivals: Sequence[Rival], weights: str) -> str:
     """Return the card as Markdown.
 
     Args:
         trial: The trial whose agent is released.
         name: What the agent is called, for example "best:pp".
-        scores: Algorithm, seed and score of all trials among which it was chosen, its own among them.
+        rivals: All trials among which it was chosen, itself among them.
         weights: SHA-256 of the file of its weights.
     """
     setting = Setting.recorded(trial.config)
@@ -40,7 +50,7 @@ def text(trial: Trial, name: str, scores: Sequence[tuple[str, int, float]], weig
     parts = {
         f"{name}: {trial.config.algo} on {trial.config.task}": _what(trial, setting, name),
         "How well it does": _evaluation(trial, setting, greedy),
-        "How it was chosen": _choice(trial, scores),
+        "How it was chosen": _choice(trial, rivals),
         "How it was trained": _training(trial),
         "What it cannot do": _limits(trial, setting, greedy),
         "Digests": _digests(trial, weights),
@@ -99,31 +109,29 @@ def interval(scores: npt.NDArray[np.float64]) -> tuple[float, float]:
     return float(found.confidence_interval.low), float(found.confidence_interval.high)
 
 
-def _choice(trial: Trial, scores: Sequence[tuple[str, int, float]]) -> str:
+def _choice(trial: Trial, rivals: Sequence[Rival]) -> str:
     seed = trial.config.seed
     pool = seed_pools.own().of(seed) or "no"
-    others = sorted(scores, key=lambda row: (-row[2], row[0], row[1]))
-    if len(others) == 1:
+    ranked = sorted(rivals, key=lambda one: (-one.score, one.algo, one.seed))
+    if len(ranked) == 1:
         return f"It was chosen from no others: seed {seed} (of the pool for {pool})."
     return (
         f"It is the trial of seed {seed} (of the pool for {pool}) with the highest score, of the "
-        f"{len(scores)} trials below. A score by which an agent was chosen is higher than what its "
-        f"algorithm reaches on average.{_others_again(trial.config.task, scores)}\n\n"
+        f"{len(ranked)} trials below. A score by which an agent was chosen is higher than what its "
+        f"algorithm reaches on average.{_others_again(ranked)}\n\n"
         + table(
             ("algorithm", "seed", "score"),
-            [(f"`{algo}`", str(seed), f"{score:.3f}") for algo, seed, score in others],
+            [(f"`{one.algo}`", str(one.seed), f"{one.score:.3f}") for one in ranked],
             3,
         )
     )
 
 
-def _others_again(task: str, listed: Sequence[tuple[str, int, float]]) -> str:
-    """Return a sentence where the leaderboard's trials of these seeds have other scores than those listed."""
-    known = tables.read(published.folder())
-    own = known.trials[(known.trials["task"] == task) & (known.trials["noise"] == 0)]
-    final = own.merge(results.last(known)[["trial", "normalized_score"]], on="trial")
-    there = {(row.algo, row.seed): row.normalized_score for row in final.itertuples()}
-    n_other = sum(abs(there.get((algo, seed), score) - score) > SAME for algo, seed, score in listed)
+def _others_again(listed: Sequence[Rival]) -> str:
+    """Return a sentence where the leaderboard has other scores of these trials."""
+    final = results.last(tables.read(published.folder()))
+    there = dict(zip(final["trial"], final["normalized_score"], strict=True))
+    n_other = sum(abs(there.get(one.trial, one.score) - one.score) > SAME for one in listed)
     if not n_other:
         return ""
     return (

@@ -102,7 +102,7 @@ def _write(trial: Trial, folder: Path, name: str, same: Sequence[Trial]) -> Path
     policy = load_agent(trial.folder).agent.policy
     arrays = {key: tensor.numpy() for key, tensor in policy.state_dict().items() if TARGET_NETWORK not in key}
     lines = (trial.folder / records.EVALUATIONS).read_text().splitlines(keepends=True)
-    scores = [(one.config.algo, one.config.seed, _score(one)) for one in same]
+    rivals = [model_card.Rival(one.name, one.config.algo, one.config.seed, _score(one)) for one in same]
     if folder.exists():
         shutil.rmtree(folder)
     folder.mkdir(parents=True)
@@ -116,5 +116,5 @@ def _write(trial: Trial, folder: Path, name: str, same: Sequence[Trial]) -> Path
     own.write()
     with atomic_file(folder / released.CARD) as file:
         weights = checksums.of(folder, (records.WEIGHTS,))[records.WEIGHTS]
-        file.write(model_card.text(trial, name, scores, weights).encode())
+        file.write(model_card.text(trial, name, rivals, weights).encode())
     return folder
