@@ -12,6 +12,7 @@ from state_files import read_state
 
 from usbench import cli, records, suite
 from usbench.agents.zoo import ZOO
+from usbench.cli import list as list_command
 from usbench.trials import runner
 
 RUN = ["run", "--algo", "vpg", "--task", "pp", "--steps", "128"]
@@ -247,10 +248,29 @@ def test_helps_fit_80_columns(name, monkeypatch):
         ("--task", "pq", "unknown task 'pq' (did you mean 'pp'?)"),
         ("--seed", "x", "seed must be a whole number"),
         ("--study", "bad/name", "the name of a study must be of up to 64 letters"),
+        ("--study=anna", "--seed=3", "--seed has no part in a study"),
     ],
 )
 def test_what_a_guide_cannot_use_is_refused_before_its_address_is_told(capsys, option, value, said):
     assert said in refusal(capsys, "guide", option, value)
+
+
+def test_a_guide_with_a_damaged_trial_is_refused(capsys, tmp_path):
+    (tmp_path / "trial.json").write_text("{")
+    assert "is not a trial record" in refusal(capsys, "guide", str(tmp_path))
+
+
+@pytest.mark.parametrize("command", ["plot", "report"])
+def test_runs_beside_what_is_in_its_place_are_refused(capsys, command):
+    assert "RUNS is in place of --runs" in refusal(capsys, command, "mine", "--runs", "yours")
+
+
+def test_hyperparameters_are_listed_as_they_are_set():
+    assert list_command._settings({"buffer_size": 1_000_000, "tau": 0.12345678, "own": True}).split() == [
+        "buffer_size=1000000",
+        "tau=0.12345678",
+        "own=true",
+    ]
 
 
 def test_module_is_the_command():

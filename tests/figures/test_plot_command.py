@@ -8,7 +8,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from state_files import read_state, write_state
 
 from usbench import cli
-from usbench.figures import comparison, plots
+from usbench.figures import comparison, plots, style
+from usbench.records import ConfigurationError
 from usbench.results import sources, tables
 
 
@@ -44,6 +45,24 @@ def test_a_trial_counts_once_and_others_beside_it_do_not(finished):
     both = sources.gather([finished, finished.parent])
     assert sorted(both.trials["seed"]) == [0, 1]
     assert len(both.curves) == 2 * len(alone.curves)
+
+
+def test_a_damaged_trial_is_left_out_and_the_others_are_drawn(finished, tmp_path, capsys):
+    broken = shutil.copytree(finished, finished.with_name("pp-p0.5-vpg-s1-00000000"))
+    state = read_state(broken)
+    state["config"]["seed"] = 1
+    write_state(broken, state)
+    (broken / "evaluations.jsonl").write_text("{}\n")
+    assert cli.main(["plot", str(finished), str(broken), "--out", str(tmp_path / "drawn")]) == 0
+    shown = capsys.readouterr()
+    assert f"learning_curve_{finished.name}.png" in shown.out and broken.name not in shown.out
+    assert f"left out: {broken}" in shown.err
+
+
+def test_a_folder_that_cannot_be_written_is_refused_before_the_work(tmp_path, monkeypatch):
+    monkeypatch.setattr(style.os, "access", lambda *_: False)
+    with pytest.raises(ConfigurationError, match="cannot be written: choose another"):
+        style.check_file(tmp_path / "report.html", [".html"])
 
 
 def test_trial_that_still_runs_has_a_learning_curve_alone(finished, tmp_path):

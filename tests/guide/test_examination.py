@@ -80,6 +80,9 @@ def test_stopping_ends_the_episode_and_is_judged_there():
     with pytest.raises(ValueError, match="over after 1 steps"):
         examination.act(0)
     assert examination.return_ < examination.optimum[-1]
+    # Stopping earned the rewards of all 24 steps, and so does the optimum beside it.
+    shown = view.seen(examination, hidden=False, for_good=False)
+    assert shown["optimum"] == f"{examination.optimum[-1]:.2f}" != f"{examination.optimum[1]:.2f}"
     examination.ask(None)  # another agent sees the same end
     assert examination.over
 

@@ -356,7 +356,7 @@ def test_scripted_person_plays_a_whole_study(browser, untrained, quick, monkeypa
             if episode < 3:
                 page.keyboard.press("n")
                 expect(page.locator("#progress-words")).to_have_text("Step 0 of 16")
-        expect(page.locator("#study")).to_have_text("The study is finished. Thank you.")
+        expect(page.locator("#study")).to_have_text("The study anna is finished. Thank you.")
         expect(page.get_by_role("button", name="New episode")).to_be_disabled()
     table = studies.gather(runs).set_index("player")
     assert list(table.index) == list(studies.PLAYERS) and set(table["episodes"]) == {2}

@@ -94,6 +94,20 @@ def test_a_trained_agent_of_another_task_takes_over_without_an_alarm(finished, t
     assert session.notice == ""
 
 
+def test_the_chosen_agent_stays_where_the_other_task_is_its_own(finished, trial_on, tmp_path):
+    runs, other = tmp_path / "both", trial_on("fp")
+    for trial in (finished, other):
+        shutil.copytree(trial, runs / trial.name)
+    again = shutil.copytree(other, runs / "fp-again")
+    # One of the two is the best of its task.
+    for name in (other.name, again.name):
+        session = Session(runs, task="pp", seed=0)
+        session.choose(agent=name)
+        assert session.message
+        session.choose(task="fp")
+        assert (session.agent, session.message, session.notice) == (name, "", "")
+
+
 def test_model_that_cannot_be_opened_is_told(finished):
     session = Session(finished.parent, seed=0)
     (finished / records.MODEL).write_bytes(b"no zip")

@@ -3,12 +3,13 @@
 import dataclasses
 import io
 import re
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
 import pytest
 import torch
-from PIL import Image
+from PIL import Image, ImageFont
 from rich.console import Console
 
 from usbench import cli, records
@@ -109,6 +110,20 @@ def test_optimum_is_the_programmes_value_of_the_start(quick):
     expected = oracle.policy("fp").value(0, played[0].pose)
     assert played[-1].optimum == pytest.approx(expected)
     assert [played[0].optimum, played[0].return_] == [0.0, 0.0]
+
+
+def test_who_stops_is_beside_what_the_optimum_has_to_the_end(quick):
+    _, last = replay.play(Setting(task="exam-stop"), 1, [7])
+    expected = oracle.policy("exam-stop").value(0, last.pose)
+    assert last.step == 1 and last.optimum == pytest.approx(expected)
+
+
+def test_slip_and_goal_leave_room_for_the_advice():
+    slipped = {"slip": "15° counter-clockwise", "is_success": True, "reward": -0.86, "distance_mm": 10.0}
+    first, second = film.facts(SimpleNamespace(**slipped, return_=-12.34, optimum=-12.34))
+    assert second.endswith("at the goal")
+    font = ImageFont.load_default(size=film.TEXT_SIZE)
+    assert film.LEFT + max(map(font.getlength, (first, second))) < film.ADVICE_LEFT
 
 
 def test_optimum_meets_the_same_slips(quick):

@@ -94,6 +94,13 @@ def add_runs(parser: argparse.ArgumentParser, what: str = "folder with trials") 
     )
 
 
+def runs_or(named: Any, runs: Path | None) -> Path:
+    """Return the folder of `--runs`, "runs" by default; ConfigurationError if RUNS is `named` besides."""
+    if runs is not None and named:
+        raise ConfigurationError("RUNS is in place of --runs: leave one of them out.")
+    return runs or Path("runs")
+
+
 def add_sweep(parser: argparse.ArgumentParser) -> None:
     """Add the options of commands that run several trials."""
     parser.add_argument("--jobs", type=number, metavar="N", help="trials at a time (default: all cores)")

@@ -110,6 +110,8 @@ def _check(args: argparse.Namespace) -> None:
             check_plain_name("the name of a study", args.study)
     except (TypeError, ValueError) as error:
         raise ConfigurationError(str(error)) from error
+    if args.study is not None and args.seed is not None:
+        raise ConfigurationError("--seed has no part in a study, whose episodes are the same for all.")
     if args.task is not None:
         guided.check_task(args.task)
     if args.trial is not None:
@@ -124,7 +126,10 @@ def _check_trial(trial: Path, task: str | None) -> None:
     folder = released.place(trial)
     if not folder.is_dir():
         raise no_trial(trial)
-    own = Trial.read(folder).config.task
+    try:
+        own = Trial.read(folder).config.task
+    except ValueError as error:
+        raise ConfigurationError(str(error)) from error
     guided.check_shown(str(trial), own)
     if task is not None:
         guided.check_task_of_agent(str(trial), own, task)

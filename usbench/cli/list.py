@@ -144,7 +144,6 @@ def _table(title: str, *headings: str) -> Table:
 def _settings(values: Mapping[str, float]) -> str:
     """Return hyperparameters as `--set` takes them, a line each."""
     texts = {
-        name: str(value).lower() if isinstance(value, bool) else f"{value:g}"
-        for name, value in values.items()
+        name: str(value).lower() if isinstance(value, bool) else str(value) for name, value in values.items()
     }
     return "\n".join(f"{name}={text}" for name, text in texts.items())

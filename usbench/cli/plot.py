@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from usbench.cli.arguments import add_runs, tell_watcher
+from usbench.cli.arguments import add_runs, runs_or, tell_watcher
 
 EXAMPLES = """examples:
   usbench plot
@@ -52,16 +52,17 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         metavar="KIND",
         help="png, svg, pdf, or several of them (default png)",
     )
-    plot.set_defaults(call=_call)
+    plot.set_defaults(call=_call, runs=None)
 
 
 def _call(args: argparse.Namespace) -> None:
     """Draw figures of any set of trials."""
+    runs = runs_or(args.paths, args.runs)
     tell_watcher("reading the records, then drawing: some seconds, up to a minute for a whole grid")
     from usbench.figures import plots
 
     def tell(sentence: str) -> None:
         print(f"left out: {sentence}", file=sys.stderr)
 
-    for path in plots.write(args.paths or [args.runs], args.out, args.formats, tell):
+    for path in plots.write(args.paths or [runs], args.out, args.formats, tell):
         print(path)

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from usbench.cli.arguments import add_runs, tell_watcher
+from usbench.cli.arguments import add_runs, runs_or, tell_watcher
 
 
 def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
@@ -31,11 +31,12 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         "--out", type=Path, default=Path("report.html"), metavar="FILE", help=".html (default report.html)"
     )
     report.add_argument("--quiet", action="store_true", help="no progress")
-    report.set_defaults(call=_call)
+    report.set_defaults(call=_call, runs=None)
 
 
 def _call(args: argparse.Namespace) -> None:
     """Write the page of a set of trials."""
+    runs = runs_or(args.path, args.runs)
     tell_watcher(
         "reading the records, then drawing: some seconds for each agent, minutes for a whole grid", args.quiet
     )
@@ -45,5 +46,5 @@ def _call(args: argparse.Namespace) -> None:
         if not args.quiet:
             print(text, file=sys.stderr)
 
-    path = page.write(args.path or args.runs, args.out, tell)
+    path = page.write(args.path or runs, args.out, tell)
     print(f"{path}: {path.stat().st_size / 1e6:.1f} MB")

@@ -36,8 +36,7 @@ def write(
             )
     known = sources.gather(paths, damaged)
     # Also of a trial that is still running.
-    read = [Trial.read(path.resolve()) for path in paths if _has_evaluations(path)]
-    single = [trial for trial in read if trial.config.steps]
+    single = [trial for path in paths if (trial := _readable(path, damaged is None)) and trial.config.steps]
     if known.curves.empty and not single:
         raise ConfigurationError(
             f"there is no finished trial to draw in {', '.join(repr(str(path)) for path in paths)}."
@@ -57,6 +56,16 @@ def write(
     return [*curves, *comparison.write(known, out, formats), *searched]
 
 
-def _has_evaluations(folder: Path) -> bool:
+def _readable(folder: Path, strictly: bool) -> Trial | None:
+    """Return a trial with evaluations; None if it has none, or unless `strictly`, a broken record."""
     path = folder / records.EVALUATIONS
-    return path.exists() and path.stat().st_size > 0
+    if not path.exists() or not path.stat().st_size:
+        return None
+    try:
+        trial = Trial.read(folder.resolve())
+        trial.evaluations()
+    except ValueError:
+        if strictly:
+            raise
+        return None
+    return trial

@@ -1,5 +1,6 @@
 """What all figures share: size, text, legend, and how they are saved: same numbers, same bytes."""
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -61,12 +62,14 @@ def check_file(path: Path, endings: Sequence[str]) -> Path:
     """Return `path` if a file with one of `endings` can be written there.
 
     Raises:
-        ConfigurationError: If it has another ending, or its folder does not exist.
+        ConfigurationError: If it has another ending, or its folder does not exist or cannot be written.
     """
     if path.suffix not in endings:
         raise ConfigurationError(f"the file must end with one of {', '.join(endings)}, not {path.name!r}.")
     if not path.parent.is_dir() or path.is_dir():
         raise ConfigurationError(f"the file must be in a folder that exists, not {str(path)!r}.")
+    if not os.access(path.parent, os.W_OK):
+        raise ConfigurationError(f"the folder {str(path.parent)!r} cannot be written: choose another.")
     return path
 
 

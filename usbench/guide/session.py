@@ -180,7 +180,8 @@ class Session:
             return
         self.message, self.notice, self.setting = "", "", chosen
         self._tell(f"changing to {chosen.task}, noise {chosen.noise:g}")
-        if agent is None and chosen.task != before.task:
+        fits = self.agent in self._trials and self._trials[self.agent].task == chosen.task
+        if agent is None and chosen.task != before.task and not fits:
             self._choose_best()
         else:
             self.agent = self.agent if agent is None else agent
@@ -212,11 +213,17 @@ class Session:
             **self._choices(),
             **view.seen(self.examination, hidden=self.hidden, for_good=self.study is not None),
             "advice": view.advice(self.examination) if self.study is None or self._shows_advice else None,
-            "study": "" if self.study is None else self._way,
+            "study": self._study_words(),
             "ended": self.study is not None and self.study.now is None,
             "training": training | {"offered": self._offers_training()},
             "untrained": self._untrained(),
         }
+
+    def _study_words(self) -> str:
+        """Return which episode of the study is shown, or that it is finished; empty if none is played."""
+        if self.study is None:
+            return ""
+        return self.study.words if self.study.now is None and self.examination.over else self._way
 
     def _choices(self) -> dict[str, Any]:
         tasks = {name: suite.TASKS[name].guidance.title for name in self.tasks}
@@ -312,13 +319,14 @@ class Session:
 def _changed(setting: Setting, tasks: Collection[str], values: Mapping[str, Any]) -> Setting:
     """Return `setting` with those of `values` that are not None; the task is one of `tasks`.
 
-    Another task has its own senses and phantoms.
+    Another task has its own senses and phantoms, and its own imaging where that was not chosen.
     """
     given = {name: value for name, value in values.items() if value is not None}
     if "task" in given:
         check_task(given["task"], tasks)
         if given["task"] != setting.task:
-            given = {"senses": None, "n_phantoms": None, **given}
+            usual = setting.imaging == Setting(task=setting.task).imaging
+            given = {"senses": None, "n_phantoms": None, **({"imaging": None} if usual else {}), **given}
     return replace(setting, **given)
 
 

@@ -91,8 +91,9 @@ class Study:
             ) from None
         cut_torn_line(self.folder / EVALUATIONS)
         self.n_done = sum(row["player"] in (HUMAN, ADVISED) for row in read_rows(self.folder / EVALUATIONS))
-        self._steps: list[tuple[int | None, bool, float]] = []
-        self._since = time.monotonic()
+        self._steps: list[tuple[int | None, bool, float | None]] = []
+        # When the person could see what is to be done; nobody knows when the page was opened.
+        self._since: float | None = None
 
     @property
     def now(self) -> Play | None:
@@ -113,19 +114,22 @@ class Study:
 
     def begin(self) -> None:
         """An episode begins: nothing is done in it yet."""
-        self._steps, self._since = [], time.monotonic()
+        self._steps = []
+        if self._since is not None:
+            self._since = time.monotonic()
 
     def saw(self, advised: int | None, action: int) -> None:
         """Note a step: what the agent advised, shown or not, and what the person did."""
         now = time.monotonic()
-        self._steps.append((advised, action == advised, now - self._since))
+        seconds = None if self._since is None else round(now - self._since, 3)
+        self._steps.append((advised, action == advised, seconds))
         self._since = now
 
     def finish(self, examination: Examination, agent: Opened) -> None:
         """Record an episode that is over, and once for each episode what agent and optimum do in it."""
         play = self.plays[self.n_done]
         advised, obeyed, seconds = (list(column) for column in zip(*self._steps, strict=True))
-        told = {"advice": advised, "obeyed": obeyed, "seconds": [round(one, 3) for one in seconds]}
+        told = {"advice": advised, "obeyed": obeyed, "seconds": seconds}
         rows = [self._row(play, examination, ADVISED if play.advised else HUMAN) | told]
         if self.n_done < len(self.plays) // 2:
             for player, opened in ((AGENT, agent), (OPTIMUM, None)):

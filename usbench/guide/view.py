@@ -40,10 +40,15 @@ def seen(examination: Examination, *, hidden: bool, for_good: bool = False) -> d
         "happened": happened(examination),
         "at_goal": examination.at_goal if tells else None,
         "return": fixed(examination.return_) if tells else None,
-        "optimum": fixed(examination.optimum[len(examination.actions)]) if tells else None,
+        "optimum": fixed(examination.optimum[_steps(examination)]) if tells else None,
         "verdict": verdict(examination),
         "percent": _percent(examination, examination.return_) if examination.over else "",
     }
+
+
+def _steps(examination: Examination) -> int:
+    """Return how many steps the return counts: of an episode that was stopped, those that were left too."""
+    return examination.n_steps if examination.over else len(examination.actions)
 
 
 def happened(examination: Examination) -> str:

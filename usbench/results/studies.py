@@ -1,7 +1,8 @@
 """Studies with people: how they did alone and with advice, beside the agent that advised and the optimum.
 
 A study is a folder with `study.json` and `evaluations.jsonl`, whose lines have the format of a trial's
-evaluations and besides `player`, and for people `advice`, `obeyed` and `seconds`, lists over the steps.
+evaluations and besides `player`, and for people `advice`, `obeyed` and `seconds`, lists over the steps. The
+first step after a start of the guide has no seconds: nobody knows when its page was opened.
 
 All players of a study are compared over the same episodes: those that the person has played in both ways.
 """
@@ -129,7 +130,8 @@ def _rows(folder: Path) -> list[dict[str, object]]:
 
 def _row(study: dict[str, object], anchors: Anchors, player: str, rows: pd.DataFrame) -> dict[str, object]:
     obeyed = [followed for own in rows["obeyed"] for followed in own] if player == ADVISED else []
-    seconds = [one for own in rows["seconds"] for one in own] if player in (HUMAN, ADVISED) else []
+    timed = rows["seconds"] if player in (HUMAN, ADVISED) else []
+    seconds = [one for own in timed for one in own if one is not None]
     return {
         **{name: study[name] for name in ("study", "task", "noise", "agent", "played", "plays")},
         "player": player,

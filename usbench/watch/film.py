@@ -46,12 +46,12 @@ def page(moment: Moment, steps: int, names: Sequence[str], title: str = "") -> I
 
 
 def facts(moment: Moment) -> tuple[str, str]:
-    """Return reward, slip and distance in a line, and the return beside the optimum in another."""
+    """Return reward, distance and slip in a line, the return beside the optimum and the end in another."""
     reached = "   at the goal" if moment.is_success else ""
     slip = f"   then slipped {moment.slip}" if moment.slip else ""
     return (
-        f"reward {fixed(moment.reward)}   distance {moment.distance_mm:g} mm{slip}{reached}",
-        f"return {fixed(moment.return_)}   optimum in this episode {fixed(moment.optimum)}",
+        f"reward {fixed(moment.reward)}   distance {moment.distance_mm:g} mm{slip}",
+        f"return {fixed(moment.return_)}   optimum in this episode {fixed(moment.optimum)}{reached}",
     )
 
 

@@ -33,10 +33,11 @@ def play(
     env = setting.scored.make_env(render_mode="rgb_array")
     observation, info = env.reset(seed=planned.seed, options=planned.options)
     optima = episode.optimum(setting.scored, planned.seed, planned.options)
-    total, reward, name = 0.0, 0.0, "start"
+    total, reward, name, over = 0.0, 0.0, "start", False
     for step in range(len(actions) + 1):
         if step:
-            observation, given, _, _, info = env.step(actions[step - 1])
+            observation, given, *ends, info = env.step(actions[step - 1])
+            over = any(ends)
             reward, name = float(given), names[actions[step - 1]]
             total += reward
         yield Moment(
@@ -45,7 +46,8 @@ def play(
             action=name,
             reward=reward,
             return_=total,
-            optimum=optima[step],
+            # Who stops earns what is left of the episode at once.
+            optimum=optima[-1] if over else optima[step],
             pose=guidance.pose(info),
             distance_mm=info["distance_mm"],
             slip=episode.slip(info["noise"]),

@@ -1,5 +1,5 @@
 // The page of `usbench guide`: keys and buttons go to the server, its answer is drawn. No logic of the task here.
-import { drawScene } from "./scene.js";
+import { drawScene, signed } from "./scene.js";
 
 const PLAY_MS = 700, POLL_MS = 1000, BUSY_MS = 150;
 const byId = (id) => document.getElementById(id);
@@ -55,7 +55,8 @@ async function request(path, body) {
   try {
     const response = await fetch(path, options);
     const answer = await response.json();
-    say(response.ok ? answer.message ?? "" : answer.error);
+    // What was said stays while a training is looked after.
+    if (!response.ok || path !== "update") say(response.ok ? answer.message ?? "" : answer.error);
     if (response.ok) byId("notice").textContent = answer.notice ?? "";
     if (response.status !== 409) return response.ok ? answer : null;
     nStale += 1;
@@ -168,7 +169,7 @@ function renderSettings(state) {
   const group = (agent) => agent.task === null ? "Reference policy" : `Trained: ${state.tasks[agent.task]}`;
   options("agent", state.agents.map((agent) => ({ value: agent.name, label: agent.label, group: group(agent) })), state.agent);
   byId("hidden").checked = state.hidden;
-  byId("study").textContent = state.ended && state.over ? "The study is finished. Thank you." : state.study;
+  byId("study").textContent = state.study;
   for (const input of byId("settings").querySelectorAll("select, #hidden")) input.disabled = state.study !== "";
   byId("goal").textContent = state.goal;
 }
@@ -222,7 +223,6 @@ function renderAdvice(state) {
 }
 
 const minus = (text) => text.replaceAll("-", "\u2212");
-const signed = (number) => (number > 0 ? "+" : number < 0 ? "\u2212" : "") + Math.abs(number);
 
 function renderEpisode(state, since) {
   const { pose, advice } = state;
@@ -278,7 +278,7 @@ document.addEventListener("pointerdown", () => { byMouse = true; }, true);
 document.addEventListener("keydown", () => { byMouse = false; }, true);
 byId("settings").addEventListener("change", (event) => { if (byMouse) event.target.blur(); });
 // A click leaves the focus where it is, so that the space bar still means "stay".
-byId("controls").addEventListener("mousedown", (event) => event.preventDefault());
+document.querySelector(".moves").addEventListener("mousedown", (event) => event.preventDefault());
 byId("follow").addEventListener("click", (event) => follow(event.timeStamp));
 byId("play").addEventListener("click", play);
 byId("begin").addEventListener("click", begin);

@@ -5,7 +5,7 @@ function multiples(low, high, step) {
   const first = Math.ceil(low / step), last = Math.floor(high / step);
   return Array.from({ length: last - first + 1 }, (_, i) => (first + i) * step);
 }
-const signed = (number) => (number > 0 ? "+" : number < 0 ? "\u2212" : "") + Math.abs(number);
+export const signed = (number) => (number > 0 ? "+" : number < 0 ? "\u2212" : "") + Math.abs(number);
 const radians = (degrees) => (degrees * Math.PI) / 180;
 
 function shape(name, attributes, text) {
