@@ -73,11 +73,11 @@ def main() -> None:
     args = parser.parse_args()
     known = tables.read(leaderboard.files(Path("leaderboard.md")))
     try:
-        chosen = drawn(known, args.draw, args.trials)
+        chosen, jobs = drawn(known, args.draw, args.trials), plan.positive("jobs", args.jobs)
     except ValueError as error:
         parser.error(str(error))
     with sweep_output.SweepBars() as bars:
-        outcomes = sweep.run(chosen, args.out, bars, jobs=args.jobs)
+        outcomes = sweep.run(chosen, args.out, bars, jobs=jobs)
     shown = Table(*COLUMNS)
     finished = {outcome.config.folder_name for outcome in outcomes if outcome.reason is None}
     for config in (config for config in chosen if config.folder_name in finished):

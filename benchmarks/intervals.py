@@ -155,6 +155,7 @@ def candidates() -> dict[str, Draw]:
 
 def _smooth(own: Array) -> Draw:
     """Return a distribution like the scores `own`: one of them, and a small normal error."""
+    own = np.nan_to_num(own, nan=tuning.DIVERGED)
     error = ERROR * float(own.std(ddof=1))
     return lambda n, generator: generator.choice(own, n) + generator.normal(size=n) * error
 

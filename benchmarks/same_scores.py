@@ -27,8 +27,9 @@ COLUMNS = ("algo", "task", "program", "seed", "steps", "score", "cpu_s")
 PROGRAMS = ("here", "plain")
 SEEDS = range(4)
 CAPTION = (
-    "Normalised scores on {task} with greedy actions after {steps} steps, mean (least to most) of the "
-    "seeds; the difference of the means (plain less here) has Welch's 95 % interval."
+    "Normalised scores on {task} with greedy actions after {steps} steps (and what fills the last rollout), "
+    "mean (least to most) of the seeds; the difference of the means (plain less here) has Welch's 95 % "
+    "interval."
 )
 
 

@@ -9,6 +9,7 @@ from rich.table import Table
 
 from usbench.atomic import atomic_file
 from usbench.results import scores
+from usbench.trials.lock import lock_of
 
 
 @dataclass(frozen=True)
@@ -67,11 +68,12 @@ def add(path: Path, row: Row) -> None:
     The file is read again each time: what another process has added stays.
     """
     new = pd.DataFrame([asdict(row)]).astype(TYPES).round(DECIMALS)
-    known = read(path)
-    rows = new if known.empty else pd.concat([known, new])
-    rows = rows.drop_duplicates(KEY, keep="last").sort_values(KEY)
-    with atomic_file(path) as file:
-        rows.to_csv(file, index=False, lineterminator="\n")
+    with lock_of(path).acquire(timeout=-1):
+        known = read(path)
+        rows = new if known.empty else pd.concat([known, new])
+        rows = rows.drop_duplicates(KEY, keep="last").sort_values(KEY)
+        with atomic_file(path) as file:
+            rows.to_csv(file, index=False, lineterminator="\n")
 
 
 def intervals(rows: pd.DataFrame) -> pd.DataFrame:

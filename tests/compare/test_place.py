@@ -3,12 +3,13 @@
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import pandas as pd
 import pytest
-from made_tables import made, trial
+from made_tables import made, seeds, trial
 
 from usbench import cli
 from usbench.compare import runs, sweep
-from usbench.results import tables
+from usbench.results import additions, held_out, studies, tables
 
 BOARD, TRIALS = Path("leaderboard.md"), Path("leaderboard_files") / tables.TRIALS
 TINY = ["--algos", "random", "--tasks", "pp", "--noise", "0.5", "--seeds", "1", "--jobs", "1", "--quiet"]
@@ -48,13 +49,43 @@ def test_broken_tables_hold_nothing(board):
     assert runs.place(BOARD, Path("runs"), []) == BOARD
 
 
+def test_studies_that_are_nowhere_else_keep_a_leaderboard_that_would_lose_them(board):
+    row = {name: 1.0 for name in studies.COLUMNS} | {
+        "study": "anna",
+        "task": "pp",
+        "agent": "a",
+        "player": "human",
+    }
+    studies.write(pd.DataFrame([row]), TRIALS.parent)
+    elsewhere = Path("runs/leaderboard.md")
+    assert runs.place(BOARD, Path("runs"), [board]) == BOARD
+    assert runs.place(BOARD, Path("runs"), [board], with_studies=True) == elsewhere
+    studies.folder_of(Path("runs"), "anna").mkdir(parents=True)
+    assert runs.place(BOARD, Path("runs"), [board], with_studies=True) == BOARD
+
+
+def test_what_was_trained_anew_loses_its_tests_and_its_mark(board):
+    names = [f"fp-p0-vpg-s{seed}" for seed in (100, 101)]
+    for folder, second in ((new := Path("new"), 0.9), (Path("old"), 0.5)):
+        folder.mkdir()
+        tables.write(made(*seeds("vpg", [0.4, second])), folder)
+    tested = pd.DataFrame(
+        [{**dict.fromkeys(held_out.COLUMNS, 1.0), "trial": name, "task": "fp-random"} for name in names]
+    )
+    held_out.write(tested, folder)
+    additions.mark_unverified(folder, names, names)
+    runs.write_tables(tables.read(new), folder)
+    assert list(held_out.read(folder)["trial"]) == names[:1] == additions.unverified(folder)
+
+
 def test_commands_leave_the_leaderboard_alone_and_say_where_theirs_is(board, capsys):
     before = TRIALS.read_bytes()
     for command in (COMPARE, ["leaderboard", "--runs", "runs"]):
         assert cli.main(command) == 0
         said = capsys.readouterr()
         assert said.err.splitlines()[-1] == (
-            "leaderboard.md holds trials that are not in runs: this leaderboard goes to runs/leaderboard.md"
+            "leaderboard.md holds trials or studies that are not in runs: this leaderboard goes to "
+            "runs/leaderboard.md"
         )
         assert said.out.splitlines()[0] == "runs/leaderboard.md"
         assert TRIALS.read_bytes() == before and not BOARD.exists()

@@ -98,6 +98,7 @@ def test_no_pools_make_a_search_see_the_seeds_of_the_benchmark_s_comparison(tmp_
         (("candidates = 3", "candidate = 3\ncandidates = 3"), "search.candidate is not known"),
         (("noises = [0.0, 0.5]", "noises = [1.5]"), "cannot be 1.5"),
         (("[pools]", "[pools"), "cannot be used"),
+        (("candidates = 3", "candidates = 2019-01-01"), "cannot be used: Object of type date"),
     ],
 )
 def test_protocols_that_cannot_be_used_are_refused(tmp_path, changes, said):

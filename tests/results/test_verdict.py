@@ -133,6 +133,17 @@ def test_few_seeds_are_a_first_look(n):
     assert second.endswith("whether other methods do better than the paper's vanilla policy gradient is open")
 
 
+def test_a_first_look_names_who_has_too_few_seeds():
+    cut = [
+        *seeds("vpg", LOW, steps=1024),
+        *seeds("ppo", MIDDLE, steps=1024),
+        *seeds("dqn", HIGH[:3], steps=1024),
+    ]
+    first, second, last, *_ = sentences(*cut)
+    assert first.startswith("A first look and no ranking: training was cut short") and "`ppo`" in second
+    assert last == "With only 3 seeds, where at least 5 are needed, `dqn` must wait"
+
+
 @pytest.mark.parametrize("seed", [7, 1000])
 def test_seeds_that_settings_may_have_been_chosen_on_are_a_first_look(seed):
     trials = [*seeds("vpg", LOW), *seeds("ppo", HIGH), trial("ppo", 0.9, seed=seed)]

@@ -95,13 +95,14 @@ def _call(args: argparse.Namespace) -> None:
 def _write_trials(args: argparse.Namespace) -> Path:
     """Write the tables of the trials in a folder; return the leaderboard that they are of."""
     from usbench.compare import runs
-    from usbench.results import leaderboard, studies, tables
+    from usbench.results import leaderboard, studies
 
     known = _gathered(args.runs)
     tell = partial(print, file=sys.stderr)
-    path: Path = args.leaderboard or runs.place(LEADERBOARD, args.runs, known.trials["trial"], tell)
+    names = known.trials["trial"]
+    path: Path = args.leaderboard or runs.place(LEADERBOARD, args.runs, names, tell, with_studies=True)
     folder = leaderboard.prepare(path)
-    tables.write(known, folder)
+    runs.write_tables(known, folder)
     studies.write(studies.gather(args.runs), folder)
     return path
 

@@ -148,7 +148,7 @@ def read(path: Path = PATH) -> Protocol:
         raise ConfigurationError(
             f"the protocol file {str(path)!r} cannot be used: {misfit(error)}."
         ) from None
-    except ValueError as error:
+    except (TypeError, ValueError) as error:  # TOML has dates, and JSON has none
         reason = str(error).removesuffix(".")
         raise ConfigurationError(f"the protocol file {str(path)!r} cannot be used: {reason}.") from error
     return Protocol(content.pools, content.search, content.comparison, _digest(values))

@@ -9,7 +9,7 @@ from usbench import records
 from usbench.compare.own_task import is_on_its_task
 from usbench.figures import comparison
 from usbench.records import ConfigurationError, TrialConfig
-from usbench.results import leaderboard, studies, tables
+from usbench.results import additions, held_out, leaderboard, studies, tables
 from usbench.results.tables import Results
 
 
@@ -36,23 +36,45 @@ def gather(runs: Path) -> tuple[Results, pd.DataFrame]:
     return known.of(known.trials[fits]), known.trials[~fits]
 
 
-def place(usual: Path, out: Path, names: Iterable[str], tell: Callable[[str], None] = lambda _: None) -> Path:
+def place(
+    usual: Path,
+    out: Path,
+    names: Iterable[str],
+    tell: Callable[[str], None] = lambda _: None,
+    *,
+    with_studies: bool = False,
+) -> Path:
     """Return where the leaderboard of the trials `names` goes if no file is named.
 
     That is `usual`, unless the tables beside it would lose trials that are not among `names` and have no
-    folder in `out`, as in a clone those of the benchmark's own leaderboard. Then it is `out / usual`,
-    which `tell` is told.
+    folder in `out`, as in a clone those of the benchmark's own leaderboard; or, `with_studies`, studies that
+    have none there. Then it is `out / usual`, which `tell` is told.
     """
+    folder = leaderboard.files(usual)
     try:
-        kept = tables.read(leaderboard.files(usual)).trials
+        kept = tables.read(folder).trials
+        own = {studies.folder_of(out, name) for name in studies.read(folder)["study"] if with_studies}
     except (FileNotFoundError, ValueError):  # nothing there that could be lost
         return usual
     learned = (kept["steps"] > 0) & (kept["status"] == "finished")
-    others = set(kept.loc[learned, "trial"]) - set(names)
-    if all((out / name).exists() for name in others):
+    others = {out / name for name in set(kept.loc[learned, "trial"]) - set(names)} | own
+    if all(path.exists() for path in others):
         return usual
-    tell(f"{usual} holds trials that are not in {out}: this leaderboard goes to {out / usual}")
+    tell(f"{usual} holds trials or studies that are not in {out}: this leaderboard goes to {out / usual}")
     return out / usual
+
+
+def write_tables(known: Results, folder: Path) -> None:
+    """Write the tables of a leaderboard, and forget tests and marks of trials that were trained anew."""
+    try:
+        before = tables.read(folder)
+    except (FileNotFoundError, ValueError):  # no tables, or none that can be read
+        before = None
+    if before is not None:
+        anew = [one.trial for one in additions.repeated(before, known)[1]]
+        held_out.forget(folder, anew)
+        additions.mark_unverified(folder, anew, ())
+    tables.write(known, folder)
 
 
 def report(planned: Sequence[TrialConfig], out: Path, path: Path) -> list[Path]:
@@ -62,7 +84,7 @@ def report(planned: Sequence[TrialConfig], out: Path, path: Path) -> list[Path]:
     """
     folder = leaderboard.prepare(path)
     known = tables.collect(out, planned)
-    tables.write(known, folder)
+    write_tables(known, folder)
     # First: the page shows those that there are.
     figures = comparison.write(known, folder)
     return [*leaderboard.write(folder, path), *figures]

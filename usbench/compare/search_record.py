@@ -20,6 +20,8 @@ from usbench.records.journal import Journal, cut_torn_line, read_rows
 # What a training that diverges fails with; anything else is the machine's, as memory is that PyTorch lacks.
 DIVERGED = ("ValueError", "RuntimeError", "FloatingPointError")
 NO_MEMORY = "allocate memory"
+# Of each trial, beside its place.
+RECORDED = ("steps", "score", "training_s", "trial")
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,7 @@ class SearchRecord:
         if rows:
             self._check(rows[0])
         try:
-            self.trials = {_place(one): one for one in rows[1:]}
+            self.trials = {_place(one): {name: one[name] for name in RECORDED} for one in rows[1:]}
         except (KeyError, TypeError) as error:
             raise ValueError(f"{str(self.path)!r} is damaged: a trial has no {error}.") from error
 

@@ -19,7 +19,7 @@ from usbench.checks import check_plain_name
 from usbench.guide.examination import Examination, Opened
 from usbench.records import EVALUATIONS, ConfigurationError, Evaluation
 from usbench.records.journal import Journal, cut_torn_line, read_rows
-from usbench.results.studies import ADVISED, AGENT, HUMAN, OPTIMUM, STUDY
+from usbench.results.studies import ADVISED, AGENT, HUMAN, OPTIMUM, STUDY, folder_of
 from usbench.setting import Setting
 from usbench.suite import EvaluationEpisode
 from usbench.trials.lock import lock_of
@@ -49,14 +49,10 @@ def plan(name: str, setting: Setting) -> tuple[Play, ...]:
 def agent_of(runs: Path, name: str) -> str | None:
     """Return who advises in the study `name` in a folder of `runs`; None if it has not begun."""
     try:
-        record = json.loads((_folder(runs, name) / STUDY).read_text(encoding="utf-8"))
+        record = json.loads((folder_of(runs, name) / STUDY).read_text(encoding="utf-8"))
         return str(record["agent"])
     except (OSError, ValueError, KeyError, TypeError):  # what is wrong with it is told where it goes on
         return None
-
-
-def _folder(runs: Path, name: str) -> Path:
-    return runs / f"study-{name}"
 
 
 class Study:
@@ -78,7 +74,7 @@ class Study:
             self.name, self.setting = check_plain_name("the name of a study", name), setting
         except ValueError as error:
             raise ConfigurationError(str(error)) from error
-        self.folder, self.plays = _folder(runs, name), plan(name, setting)
+        self.folder, self.plays = folder_of(runs, name), plan(name, setting)
         record = {"study": name, "task": setting.task, "noise": setting.noise, "agent": agent}
         record["plays"] = len(self.plays)
         self._begin({**record, "anchors": asdict(setting.anchors()), "environment": setting.record()})

@@ -30,6 +30,11 @@ COLUMNS = (
 )
 
 
+def folder_of(runs: Path, name: str) -> Path:
+    """Return the folder of a study in `runs`."""
+    return runs / f"study-{name}"
+
+
 def folders(runs: Path) -> list[Path]:
     """Return the folders of the studies in `runs`, which may be one itself."""
     if (runs / STUDY).exists():

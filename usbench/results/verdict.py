@@ -96,8 +96,8 @@ def text(known: Results, tested: pd.DataFrame | None = None) -> str:
         fewer = [two for two in sorted(ranking.above_by_cells_alone(pairs)) if named_here & {*two}]
         if fewer:
             sentences.append(f"with whole seeds drawn, it is not sure that {pairs_of(fewer)}.")
-        if waiting:
-            sentences.append(f"With {_few(waiting)}, {names(list(waiting))} must wait.")
+    if enough and waiting:
+        sentences.append(f"With {_few(waiting)}, {names(list(waiting))} must wait.")
     sentences[0] = f"{so_far}{sentences[0]}"
     return " ".join(capital(sentence) for sentence in [*sentences, *_phantoms(own, tested)])
 
