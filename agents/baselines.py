@@ -37,7 +37,7 @@ class _NotLearned(abc.ABC):
     num_timesteps = 0
 
     def __init__(self, policy: object, env: Any, seed: int | None = None) -> None:
-        """Takes the spaces of `env`, a Gymnasium environment or a vector of them, with discrete actions."""
+        """Takes the spaces of `env`, of Gymnasium or a vector of Stable-Baselines3, with discrete actions."""
         if not isinstance(env.action_space, spaces.Discrete):
             raise ValueError(f"the actions must be Discrete, not {env.action_space}.")
         self.policy = policy

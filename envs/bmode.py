@@ -11,12 +11,16 @@ import numpy as np
 import numpy.typing as npt
 from scipy import sparse
 
-from usbench.checks import METRES, non_negative, number, positive, quantity, whole_number
-from usbench.envs.probe import LinearArray
+from usbench.checks import METRES, meant, non_negative, number, positive, quantity, whole_number
+from usbench.envs.probe import LinearArray, bounded
 from usbench.envs.receiver import gain
 
 # The widest dynamic range, more than any receiver has: far beyond it, envelopes have no such numbers.
 MOST_DB = 200
+# Of an image, m: no echo is simulated from farther away.
+MOST_SIZE = 0.5
+# Edge of the median filter: beyond it OpenCV's medians of bytes are wrong, without a word.
+MOST_MEDIAN = 255
 
 
 @dataclass(frozen=True)
@@ -25,10 +29,10 @@ class Imaging:
 
     Attributes:
         dynamic_range_db: Shown below the frame's maximum, at most 200; everything weaker is black.
-        height_px: Rows; the first begins at depth 0.
+        height_px: Rows; the first begins at depth 0. The image is at most 0.5 m deep and wide.
         width_px: Columns, centred on the probe.
         pixel_size: Edge of a pixel, m.
-        median_size: Edge of the median filter, an odd number of pixels; 1 for none.
+        median_size: Edge of the median filter, an odd number of pixels up to 255; 1 for none.
         noise_db: Root mean square of the noise of the receiver's electronics, dB below the echo of a unit
             point 50 mm deep, see `receiver/noise.py`; without a value there is no noise.
         tgc_db_per_cm: Time gain compensation, dB per cm of depth, or a curve: pairs of depth (m) and gain
@@ -49,8 +53,9 @@ class Imaging:
         object.__setattr__(self, "dynamic_range_db", range_db)
         positive("pixel_size", self.pixel_size)
         object.__setattr__(self, "pixel_size", quantity("pixel_size", self.pixel_size, 1e-6, 20e-3, METRES))
-        for name in ("height_px", "width_px", "median_size"):
-            object.__setattr__(self, name, whole_number(name, getattr(self, name), low=1))
+        most = math.floor(MOST_SIZE / self.pixel_size * (1 + 1e-9))
+        for name, high in (("height_px", most), ("width_px", most), ("median_size", MOST_MEDIAN)):
+            object.__setattr__(self, name, whole_number(name, getattr(self, name), 1, high))
         if self.median_size % 2 == 0:
             raise ValueError(f"median_size must be odd, not {self.median_size}.")
         if self.noise_db is not None:
@@ -122,8 +127,11 @@ def bmode(
             f"line_positions must be {envelopes.shape[1]} increasing, equally spaced positions, "
             f"not {lines!r}."
         )
-    positive("sampling_frequency", sampling_frequency)
-    positive("speed_of_sound", speed_of_sound)
+    if (farthest := float(np.abs(lines).max(initial=0.0))) > MOST_SIZE:
+        hint = meant(farthest, 1e-3, MOST_SIZE, METRES)
+        raise ValueError(f"line_positions must be within {MOST_SIZE} m, not {farthest:g} m{hint or '.'}")
+    sampling_frequency = bounded("sampling_frequency", sampling_frequency)
+    speed_of_sound = bounded("speed_of_sound", speed_of_sound)
     number("time_zero", time_zero)
     first, step = time_zero * speed_of_sound / 2, speed_of_sound / (2 * sampling_frequency)
     if imaging.tgc_db_per_cm != 0.0:

@@ -44,6 +44,8 @@ class DecisionProcess:
     def __post_init__(self) -> None:
         """Hold the values as plain ones, or refuse them."""
         object.__setattr__(self, "noise", probability("noise", self.noise))
+        if not isinstance(self.target, Pose):
+            raise TypeError(f"target must be a Pose, not {self.target!r}.")
         if self.rewards is None:
             check_reward(self.reward, self.task, REWARDS)
             return
@@ -60,7 +62,9 @@ class DecisionProcess:
 
         `starts` are where episodes begin, each as often as the others; default: the task's.
         """
-        return _returns(self, tuple(starts or self.task.starts))
+        if starts is not None and not starts:
+            raise ValueError("starts must be one pose at least, where episodes begin, not none.")
+        return _returns(self, tuple(self.task.starts if starts is None else starts))
 
     def policy(self) -> Policy:
         """Return the optimal policy."""

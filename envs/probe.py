@@ -253,8 +253,17 @@ def _checked(name: str, value: object) -> int | float | str | None:
         return whole_number(name, value, low=1)
     if name in _CYCLES:
         return number(name, value, low=0.25, high=100.0)
-    if name != "kerf":
-        positive(name, value)
+    return quantity(name, value, *_BOUNDS[name]) if name == "kerf" else bounded(name, value)
+
+
+def bounded(name: str, value: object) -> float:
+    """Return a length, speed or frequency of a scanner as a float.
+
+    Raises:
+        TypeError: If it is no number.
+        ValueError: If none has such a one; the message says in which unit it was probably given.
+    """
+    positive(name, value)
     return quantity(name, value, *_BOUNDS[name])
 
 

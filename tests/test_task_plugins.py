@@ -4,11 +4,12 @@ import os
 import subprocess
 import sys
 import textwrap
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from usbench import records, tasks
+from usbench import records, suite, tasks
 
 MODULE = """
 from dataclasses import replace
@@ -17,6 +18,7 @@ from usbench.envs.tasks.probe_plane import PROBE_PLANE, ProbePlaneEnv
 from usbench.tasks import Row
 
 PLAIN = Row(env_id="other/Upright-v0", entry_point="other_tasks:UprightEnv", steps=64)
+TAKEN = replace(PLAIN, env_id="usbench/ProbePlane-v0")
 
 
 class UprightEnv(ProbePlaneEnv):
@@ -58,6 +60,11 @@ def test_its_row_is_beside_those_of_the_package(installed):
         (["upright = other_tasks:UprightEnv"], "must be a usbench.tasks.Row"),
         (["pp = other_tasks:PLAIN"], "'other0' brings a task 'pp', which exists already"),
         (["up = other_tasks:PLAIN", "up = other_tasks:PLAIN"], "brings a task 'up', which exists already"),
+        (
+            ["up = other_tasks:PLAIN", "again = other_tasks:PLAIN"],
+            "Gymnasium id of another, 'other/Upright-v0'",
+        ),
+        (["taken = other_tasks:TAKEN"], "Gymnasium id of another, 'usbench/ProbePlane-v0'"),
     ],
 )
 def test_a_package_whose_task_cannot_be_used_is_refused(installed, points, message):
@@ -65,6 +72,19 @@ def test_a_package_whose_task_cannot_be_used_is_refused(installed, points, messa
     with pytest.raises(records.ConfigurationError) as refused:
         tasks.rows()
     assert message in str(refused.value) and "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("count", [{"checkpoints": 0}, {"n_steps": 0}, {"repeats": -1}, {"phantoms": -1}])
+def test_rows_with_counts_that_cannot_be_are_refused(count):
+    (name,) = count
+    with pytest.raises(ValueError, match=f"{name} must be a whole number from"):
+        tasks.Row(env_id="other/Upright-v0", entry_point="other_tasks:UprightEnv", **count)
+
+
+def test_a_row_that_does_not_fit_its_environment_is_refused():
+    row = tasks.row_of("pp")
+    with pytest.raises(records.ConfigurationError, match="must have the 16 steps of its environment, not"):
+        suite.guidance_of("pp", replace(row, n_steps=24))
 
 
 CODE = """

@@ -281,8 +281,9 @@ class Setting:
         return self.process(target).policy()
 
     def planner(self) -> oracle.Planner:
-        """Return the best policies for all targets that there may be."""
-        return oracle.Planner(self.process())
+        """Return the best policies for all targets that there may be; where there is one phantom, for its."""
+        own = oracle.PAPER_TARGET if self.row.phantoms else self.plain_env().phantom.target
+        return oracle.Planner(self.process(own))
 
     def prepare_frames(self, report: Report | None = None) -> Frames:
         """Simulate the frames of the evaluation, unless they are kept; return their digest.

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from gymnasium.envs.registration import load_env_creator
 
+from usbench.checks import ConfigurationError, unknown
 from usbench.coordinates import POSE
-from usbench.envs.pose import Pose
+from usbench.envs.pose import Move, Pose
 from usbench.envs.task import Task as GuidanceTask
 from usbench.envs.tasks.random_phantoms import FIRST_HELD_OUT
 from usbench.registration import register_row
@@ -60,14 +61,27 @@ class EvaluationEpisode:
         return 0 if self.phantom is None else self.phantom - FIRST_HELD_OUT
 
 
-def _guidance(row: Row) -> GuidanceTask:
-    register_row(row)  # a task of another package
+def guidance_of(name: str, row: Row) -> GuidanceTask:
+    """Register a row's environment, unless it is known, and return the task that it sets.
+
+    Raises:
+        ConfigurationError: If they do not fit each other, as may be in another package.
+    """
+    register_row(row)
     environment: Any = load_env_creator(row.entry_point)
-    return environment.task  # type: ignore[no-any-return]
+    task: GuidanceTask = environment.task
+    if row.n_steps != task.n_steps:
+        raise ConfigurationError(
+            f"the row of the task {name!r} must have the {task.n_steps} steps of its environment, not "
+            f"n_steps={row.n_steps}."
+        )
+    if task.actions[0].move != Move():
+        raise ConfigurationError(f"the first action of the task {name!r} must move nothing.")
+    return task
 
 
 TASKS: Mapping[str, Task] = MappingProxyType(
-    {name: Task(**asdict(row), guidance=_guidance(row)) for name, row in rows().items()}
+    {name: Task(**asdict(row), guidance=guidance_of(name, row)) for name, row in rows().items()}
 )
 
 
@@ -82,6 +96,8 @@ def name_of(env_id: object, task: str) -> str:
 
 def evaluation_episodes(task: str) -> tuple[EvaluationEpisode, ...]:
     """Return the fixed evaluation list of a task: its starts, `repeats` times, with phantoms taking turns."""
+    if task not in TASKS:
+        raise unknown("task", task, TASKS)
     row = TASKS[task]
     known = row.guidance.starts
     if row.drawn_starts:

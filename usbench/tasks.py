@@ -9,7 +9,7 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from types import MappingProxyType
 
-from usbench.checks import ConfigurationError, unknown
+from usbench.checks import ConfigurationError, unknown, whole_number
 from usbench.words import in_one_line
 
 # Of entry points: name of a task -> "module:name" of its `Row`.
@@ -47,6 +47,13 @@ class Row:
     every_frame: bool = True
     single: str = ""
     silent: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Refuse counts that there cannot be."""
+        for name in ("n_steps", "steps", "checkpoints", "repeats"):
+            whole_number(name, getattr(self, name), 1)
+        for name in ("drawn_starts", "phantoms"):
+            whole_number(name, getattr(self, name), 0)
 
 
 BUILT_IN: Mapping[str, Row] = MappingProxyType(
@@ -148,7 +155,13 @@ def rows() -> Mapping[str, Row]:
             raise ConfigurationError(
                 f"{_origin(point)} brings a task {point.name!r}, which exists already: uninstall one of them."
             )
-        found[point.name] = _load(point)
+        row = _load(point)
+        if row.env_id in (other.env_id for other in found.values()):
+            raise ConfigurationError(
+                f"the task {point.name!r} of {_origin(point)} has the Gymnasium id of another, "
+                f"{row.env_id!r}: mend that package, or uninstall it."
+            )
+        found[point.name] = row
     return MappingProxyType(found)
 
 

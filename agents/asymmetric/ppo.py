@@ -16,6 +16,7 @@ from usbench.agents.asymmetric.policy import AsymmetricPolicy
 from usbench.agents.asymmetric.rollout import StateBuffer, buffer_class
 from usbench.agents.asymmetric.truth import states
 from usbench.agents.on_policy import PPO
+from usbench.agents.value_based.views import check_layout
 from usbench.agents.vec_env import infos_after
 
 
@@ -56,6 +57,9 @@ class AsymmetricPPO(PPO):
             symmetric_views: Whether steps are seen in random views while the agent learns.
             symmetries: Those of the task (`usbench.envs.observation.symmetries`), None for none.
             kwargs: As in SB3.
+
+        Raises:
+            ValueError: If images have their channels first, which views do not know.
         """
         if symmetric_views:
             of_rollout = kwargs.get("rollout_buffer_kwargs") or {}
@@ -67,6 +71,8 @@ class AsymmetricPPO(PPO):
             raise ValueError(f"the actions must be Discrete, not {self.action_space}.")
         if self.rollout_buffer_class is None:
             self.rollout_buffer_class = buffer_class(isinstance(self.observation_space, spaces.Dict))
+        if (self.rollout_buffer_kwargs or {}).get("symmetries") is not None:
+            check_layout(self.observation_space)
         super()._setup_model()
 
     def _setup_learn(
@@ -99,6 +105,7 @@ class AsymmetricPPO(PPO):
             self.num_timesteps += env.num_envs
             callback.update_locals(locals())
             if not callback.on_step():
+                self._last_states = None  # of this step nothing is noted: learning on begins new episodes
                 return False
             self._update_info_buffer(infos, dones)
             self._value_truncated_ends(rewards, dones, infos)

@@ -46,7 +46,8 @@ class Views(nn.Module):
         They are those in which x, sine and cosine of the probe's angle, at the last frame, are not negative.
         An agent that is told none of them knows a scene by what it did and by its picture: the last move of
         each kind is then the first of its two actions, and the left half of the last frame is the brighter
-        one. Where nothing tells two views apart, it is the first of them.
+        one. Where nothing tells two views apart, it is the first of them, as at x = 0 of an agent that is
+        told coordinates: its picture and its actions are not asked.
         """
         if self._told_where:
             last = observations[SENSES][:, -self.sources.shape[1] :]

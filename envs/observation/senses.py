@@ -51,7 +51,8 @@ class Senses:
         """Return what they tell at `pose` after `action` (None after a reset), (size,) in [-1, 1].
 
         A coordinate is divided by the largest magnitude that the task's limits allow: x by 20 mm, the focal
-        depth by 90 mm. The heading is the sine and the cosine of the probe's angle.
+        depth by the deepest, 90 mm in tasks that move the probe. The heading is the sine and the cosine of
+        the probe's angle.
         """
         told: list[float] = []
         for one in COORDINATES:

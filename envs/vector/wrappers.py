@@ -47,9 +47,11 @@ class VectorImageStack(VectorWrapper):
         self, *, seed: Any = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Reset the environments; the stacks of those that are reset are their first image repeated."""
-        observations, infos = self.env.reset(seed=seed, options=options)
         everywhere = np.ones(self.num_envs, np.bool_)
-        self._begin((options or {}).get("reset_mask", everywhere), parts(observations))
+        begins = (options or {}).get("reset_mask", everywhere)
+        # A copy: vectors of Gymnasium take the mask out of what they are given.
+        observations, infos = self.env.reset(seed=seed, options=None if options is None else dict(options))
+        self._begin(begins, parts(observations))
         return self._shown(), infos
 
     def step(self, actions: npt.NDArray[Any]) -> Step:

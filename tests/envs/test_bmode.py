@@ -4,10 +4,11 @@ import math
 import re
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
-from usbench.envs.bmode import Imaging, bmode, envelope, log_compress
+from usbench.envs.bmode import MOST_MEDIAN, Imaging, bmode, envelope, log_compress
 from usbench.envs.probe import LinearArray
 from usbench.envs.rf import simulate_rf
 
@@ -253,9 +254,37 @@ def test_refuses_a_dynamic_range_of_which_there_are_no_numbers(value):
         Imaging(dynamic_range_db=value)
 
 
+@pytest.mark.parametrize(("name", "most"), [("height_px", 500), ("width_px", 500), ("median_size", 255)])
+def test_refuses_images_that_are_too_large(name, most):
+    assert getattr(Imaging(**{name: most - 1 + most % 2}), name)
+    with pytest.raises(ValueError, match=rf"{name} must be a whole number in \[1, {most}\]"):
+        Imaging(**{name: most + 2})
+
+
+def test_median_of_the_largest_size_is_that_of_numpy():
+    image = np.random.default_rng(0).integers(0, 256, (90, 40), dtype=np.uint8)
+    edge = MOST_MEDIAN // 2
+    padded = np.pad(image, edge, mode="edge")
+    seen = cv2.medianBlur(image, MOST_MEDIAN)
+    for row, column in ((0, 0), (45, 20), (89, 39)):
+        assert seen[row, column] == np.median(padded[row : row + MOST_MEDIAN, column : column + MOST_MEDIAN])
+
+
+@pytest.mark.parametrize(
+    ("sampling_frequency", "lines_m", "said"),
+    [
+        (40, np.linspace(-0.02, 0.02, 8), "did you mean 4e7 "),
+        (40e6, np.linspace(-20, 20, 8), "did you mean 0.02 "),
+    ],
+)
+def test_measured_data_in_other_units_are_asked_about(sampling_frequency, lines_m, said):
+    with pytest.raises(ValueError, match=said):
+        bmode(np.ones((100, 8)), sampling_frequency, lines_m)
+
+
 @pytest.mark.parametrize("name", ["height_px", "width_px", "median_size"])
 def test_refuses_broken_pixels(name):
-    with pytest.raises(ValueError, match=f"{name} must be a whole number from 1, not 3.5"):
+    with pytest.raises(ValueError, match=rf"{name} must be a whole number in \[1, \d+\], not 3.5"):
         Imaging(**{name: 3.5})
 
 

@@ -153,6 +153,10 @@ def test_a_step_or_pose_outside_the_episode_is_refused():
         best.action(0, (0, 50, 15))
     with pytest.raises(ValueError, match="pose must be one that task 'fp' can reach"):
         returns("fp", starts=(Pose(1, 50, 0),))
+    with pytest.raises(ValueError, match="starts must be one pose at least"):
+        returns("fp", starts=())
+    with pytest.raises(TypeError, match=r"target must be a Pose, not \(5, 50, 30\)"):
+        returns("pp", target=(5, 50, 30))
     assert returns("fp", starts=[Pose(0, 50, 0)]) == returns("fp", starts=(Pose(0, 50, 0),))
 
 

@@ -49,7 +49,7 @@ def resolve(
         met = Setting(task=task, **setting)
         if entry.needs:
             getattr(met, entry.needs)()
-        if zoo.is_of_the_package(algo) and entry.policy is not None:
+        if entry.policy is not None:
             _check_stack(met)
         hyperparameters = zoo.hyperparameters(algo, task, preset=preset, overrides=overrides or {})
         # Nothing is forgotten over the task's whole budget.

@@ -1,5 +1,6 @@
 """Rollouts in symmetric views: what of a step is transformed, and what belongs to it unchanged."""
 
+import gymnasium as gym
 import numpy as np
 import pytest
 import torch
@@ -8,6 +9,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 from symmetric import viewed
 
 from usbench.agents import zoo
+from usbench.agents.asymmetric.ppo import AsymmetricPPO
 from usbench.agents.value_based.views import Views
 from usbench.agents.vec_env import SB3VecEnv
 from usbench.setting import Setting
@@ -133,6 +135,12 @@ def test_learns_in_views(setting):
     after = agent.policy.policy_parameters()
     assert all(torch.isfinite(parameter).all() for parameter in after)
     assert not all(torch.equal(one, other) for one, other in zip(before, after, strict=True))
+
+
+def test_images_that_have_their_channels_first_are_refused():
+    env = DummyVecEnv([lambda: gym.make("usbench/ProbePlane-v0")])
+    with pytest.raises(ValueError, match="symmetries and shifts need images"):
+        AsymmetricPPO("CnnPolicy", env, symmetric_views=True, symmetries=Setting(task="pp").symmetries())
 
 
 def test_a_task_without_symmetries_is_learned_as_it_is():

@@ -5,6 +5,7 @@ import pytest
 import torch
 import trials
 from signs import Signs
+from stable_baselines3.common.callbacks import StopTrainingOnMaxEpisodes
 from stable_baselines3.common.vec_env import DummyVecEnv
 from trials import Killed, Until
 
@@ -97,6 +98,23 @@ def test_teacher_acts_at_first_and_never_at_the_end():
     assert 0.3 < np.mean(taken[-80:]) < 0.7
 
 
+def test_learns_on_after_a_callback_has_ended_it_in_the_middle_of_a_step(tracked):
+    agent = student(tracked.teacher)
+    agent.learn(1000, callback=StopTrainingOnMaxEpisodes(2))
+    assert agent.num_timesteps < 1000
+    agent.learn(200, reset_num_timesteps=False)
+    infos = [one._info({}) for one in agent.env.unwrapped.env.unwrapped.envs]
+    seen = agent.teacher._graph.seen[agent._beliefs // agent.teacher._depths.n_columns]
+    assert seen.tolist() == agent.teacher._observed[agent.teacher._hypotheses(infos)].tolist()
+
+
+def test_student_acts_alone_whatever_the_teachers_share():
+    agent = model(exploration_final_eps=1.0).learn(64)
+    assert agent.exploration_rate == 1
+    seen = DummyVecEnv([Telling] * 200).reset()
+    assert np.array_equal(agent.predict(seen)[0], agent.policy.predict(seen)[0])
+
+
 def test_costs_above_the_largest_count_as_that():
     agent = model(largest_cost=0.5).learn(64)
     assert set(agent.replay_buffer.advice(300)[1].unique().tolist()) == {0.0, 1.0}
@@ -121,21 +139,25 @@ def test_learns_nothing_without_a_teacher():
         agent.learn(8)
 
 
-@pytest.fixture(scope="module")
-def tracked():
-    """A student on the task that it is for, where nobody looks at frames, after a few updates."""
+def student(teacher=None):
+    """A student on the task that it is for, where nobody looks at frames."""
     setting = Setting(**TRACKED)
     env = SB3VecEnv(setting.make_vec_env(4, autoreset_mode="SameStep"))
     for one in env.env.unwrapped.envs:
         one.is_watched = False
     chosen = zoo.hyperparameters("distilled", setting.task, SMALL)
-    made = {"device": "cpu", "symmetries": setting.symmetries(), "teacher": setting.teacher()}
-    agent = zoo.make("distilled", env, 0, chosen, **made)
-    return agent.learn(128), lambda: zoo.make("distilled", env, 0, chosen, **made)
+    made = {"device": "cpu", "symmetries": setting.symmetries(), "teacher": teacher or setting.teacher()}
+    return zoo.make("distilled", env, 0, chosen, **made)
+
+
+@pytest.fixture(scope="module")
+def tracked():
+    """A student after a few updates."""
+    return student().learn(128)
 
 
 def test_student_of_a_task_knows_the_teachers_beliefs_after_its_own_steps(tracked):
-    agent, _ = tracked
+    agent = tracked
     infos = [one._info({}) for one in agent.env.unwrapped.env.unwrapped.envs]
     teacher = agent.teacher
     seen = teacher._graph.seen[agent._beliefs // teacher._depths.n_columns]
@@ -147,7 +169,7 @@ def test_student_of_a_task_knows_the_teachers_beliefs_after_its_own_steps(tracke
 
 
 def test_advice_is_what_each_action_loses_and_no_return(tracked):
-    agent, _ = tracked
+    agent = tracked
     observation = {name: values[0] for name, values in agent._last_obs.items()}
     advice = Adviser(agent).advise(observation, {}, 0)
     assert advice.kind == "loss" and max(advice.bars) == 1
@@ -158,9 +180,9 @@ def test_advice_is_what_each_action_loses_and_no_return(tracked):
 
 
 def test_state_has_beliefs_and_costs(tracked):
-    agent, anew = tracked
+    agent = tracked
     state = model_state.state_of(agent)
-    other = anew()
+    other = student(agent.teacher)
     model_state.put_back(other, state)
     assert other._beliefs.tolist() == agent._beliefs.tolist()
     np.testing.assert_array_equal(other.replay_buffer.told, agent.replay_buffer.told)

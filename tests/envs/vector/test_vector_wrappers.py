@@ -34,6 +34,19 @@ def test_vectors_show_what_single_environments_show(task, mode, coded):
     assert n_ends >= 6
 
 
+def test_stacks_of_gymnasiums_own_vectors_go_on_beside_a_reset(coded):
+    """`SyncVectorEnv` takes the mask out of the options that it is given."""
+    make = lambda: gym.make("usbench/ProbePlane-v0")  # noqa: E731
+    env = VectorImageStack(SyncVectorEnv([make] * 2, autoreset_mode=AutoresetMode.DISABLED), 3)
+    env.reset(seed=0)
+    before, *_ = env.step([1, 1])
+    options = {"reset_mask": np.array([True, False])}
+    after, _ = env.reset(options=options)
+    assert np.array_equal(after[1][..., -1], before[1][..., -1])
+    assert np.array_equal(after[1], before[1]) and not np.array_equal(after[0], before[0])
+    assert list(options) == ["reset_mask"]
+
+
 def test_observations_are_the_callers_own(coded):
     env = make_vec_env("pp", 2, autoreset_mode="SameStep")
     first, _ = env.reset(seed=0)
