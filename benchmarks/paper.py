@@ -170,7 +170,11 @@ def sometimes(known: Results, ends: pd.DataFrame, kind: str) -> tuple[str, str]:
     n_all = n_episodes.loc[counted.index]
     found = int((counted * n_all).round().sum())
     holds = HOLDS if found >= SOMETIMES * n_all.sum() else FAILS
-    return f"{found} of {n_all.sum()} episodes end so.", holds
+    absent = [
+        Cell(*cell).name for cell in n_episodes.index.difference(n_all.index) if cell[0] in set(ends["task"])
+    ]
+    apart = f" The single episodes of {', '.join(absent)} are not kept." if absent else ""
+    return f"{found} of {n_all.sum()} episodes end so.{apart}", holds
 
 
 def endings(known: Results, ends: pd.DataFrame) -> tuple[Sentence, Sentence]:

@@ -168,7 +168,7 @@ def simulated_bmode(
     Args:
         signals: RF (real) or I/Q (complex), (n_samples, n_lines).
         array: The array with which they were simulated.
-        imaging: Size and dynamic range of the image.
+        imaging: Size, dynamic range and time gain compensation of the image; no noise is added here.
         line_positions: As they were simulated, (n_lines,) m; default `array.line_positions`.
 
     Returns:

@@ -48,10 +48,10 @@ def simulate_rf(
     """Simulate the RF of all lines.
 
     Args:
-        positions: Scatterers in the probe's frame (lateral, elevation, depth), (n, 3) m.
+        positions: Scatterers in the probe's coordinates (lateral, elevation, depth), (n, 3) m.
         amplitudes: Their scattering amplitudes, (n,).
         array: The transducer.
-        focal_depth: Of transmit and receive, m.
+        focal_depth: Of transmit and, without a `receive_focus`, of receive, m.
         line_positions: Lateral positions of the lines, (n_lines,) m; default `array.line_positions`.
         attenuation_db_per_cm_mhz: Of the tissue, 0 for none.
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from unittest import mock
 
 import numpy as np
 
 from simulation.measuring import REFERENCE, Floats, Row, correlation
+from usbench.envs import rf as module
 from usbench.envs.bmode import bmode, envelope, log_compress
 from usbench.envs.probe import DEFAULT_ARRAY
 from usbench.envs.rf import simulate_rf
@@ -58,7 +60,10 @@ def image_row(what: str, ours: Floats, theirs: Floats) -> Row:
 
 
 def points(data: dict[str, Floats], i: int, focus: int, gain: float) -> Iterator[Row]:
-    """Compare single points within 30 dB of the strongest at their depth; all others are only counted."""
+    """Compare single points within 30 dB of the strongest at their depth; all others are only counted.
+
+    They are computed as frames are, from tables of responses: so few pairs are summed directly else.
+    """
     correlations, errors_db, n = [], [], 0
     peaks = np.abs(data["pt_rf"][i]).max(axis=-1)
     for iz, ix, iy in np.ndindex(*peaks.shape):
@@ -66,7 +71,8 @@ def points(data: dict[str, Floats], i: int, focus: int, gain: float) -> Iterator
         if peaks[iz, ix, iy] < peaks[iz].max() * 10 ** (-30 / 20):
             continue
         position = [[data["pt_x"][ix], data["pt_y"][iy], data["pt_z"][iz]]]
-        rf, time_s = simulate_rf(position, [gain], DEFAULT_ARRAY, focus * 1e-3, [0.0])
+        with mock.patch.object(module, "FEW_PAIRS", 0):
+            rf, time_s = simulate_rf(position, [gain], DEFAULT_ARRAY, focus * 1e-3, [0.0])
         first = round(float(data["pt_t0"][i, iz, ix, iy]) * DEFAULT_ARRAY.rf_sampling_frequency)
         ours = np.zeros(1600)
         part = rf[first : first + 1600, 0]

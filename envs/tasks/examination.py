@@ -68,11 +68,11 @@ class ExaminationEnv(GuidanceEnv):
     """Find the position, the focal depth and the rotation that show the object best, all at once.
 
     ## Description
-    A linear array stands on a tissue phantom with a bright object in it, anywhere, focused anywhere and
+    A linear array stands anywhere on a tissue phantom with a bright object in it, focused at any depth and
     turned by any angle. The agent sees nothing but the B-mode frame, and should bring the focal point to the
     object's centre and the image plane into the object's. With probability `noise` the probe slips after an
     action: a fair coin decides between 5 mm along x and 15 degrees, to either side. The paper's two tasks,
-    FP and PP of Jarosik and Lewandowski (IEEE IUS 2019), hold two of the three coordinates each.
+    FP and PP of Jarosik and Lewandowski (IEEE IUS 2019), change two of the three coordinates each.
 
     ## Action Space
     `Discrete(7)`: 0 stay, 1 left (x - 5 mm), 2 right (x + 5 mm), 3 up (focus 5 mm shallower), 4 down (5 mm

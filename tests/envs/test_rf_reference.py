@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from echoes import ARRAY, correlation, envelope, fitted, width
 
+from usbench.envs import rf as rf_module
 from usbench.envs.field.slow_sum import slow_rf
 from usbench.envs.rf import simulate_rf
 
@@ -41,9 +42,11 @@ def test_frame_against_the_closed_form(reference_lines, k, bound):
     assert correlation(rf[:, reference_lines["ref_lines"]], expected) >= bound
 
 
+@pytest.mark.parametrize("few_pairs", [0, rf_module.FEW_PAIRS], ids=["table", "direct"])
 @pytest.mark.parametrize("depth", range(6))
 @pytest.mark.parametrize("k", range(2))
-def test_single_points_against_field_ii(reference, gain, k, depth):
+def test_single_points_against_field_ii(reference, gain, monkeypatch, k, depth, few_pairs):
+    monkeypatch.setattr(rf_module, "FEW_PAIRS", few_pairs)
     expected = reference["pt_rf"][k, depth].astype(float)
     peaks = np.abs(expected).max(axis=-1)
     wrong = []
