@@ -43,7 +43,7 @@ def test_defaults_of_something_else_are_refused(capsys):
         ("--probe", "n_lines = 2.5", "n_lines must be a whole number from 1, not 2.5"),
         ("--probe", "element_width = 'wide'", "element_width must be a positive number, not 'wide'"),
         ("--probe", "kerf = ", "Invalid value"),
-        ("--imaging", "height_px = 0", "height_px must be a whole number from 1, not 0"),
+        ("--imaging", "height_px = 0", "height_px must be a whole number in [1, 500], not 0"),
         ("--imaging", "pixel_size = nan", "pixel_size must be a positive number, not nan"),
         ("--imaging", "noise_db = nan", "noise_db must be a non-negative number, not nan"),
         ("--imaging", "noise_db = 'loud'", "noise_db must be a non-negative number, not 'loud'"),

@@ -326,7 +326,9 @@ def test_record_that_is_no_configuration_is_refused(finished, changes, said):
     assert said in refusal(finished)
 
 
-@pytest.mark.parametrize("imaging", [{"height_px": 10**8, "width_px": 10**8}, {"width_px": 4}])
+@pytest.mark.parametrize(
+    "imaging", [{"height_px": 500_000, "width_px": 500_000, "pixel_size": 1e-6}, {"width_px": 4}]
+)
 def test_agent_that_cannot_be_made_is_refused(finished, imaging):
     state = read_state(finished)
     state["config"]["environment"]["imaging"] |= imaging
