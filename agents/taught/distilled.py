@@ -103,15 +103,9 @@ class Distilled(Taught):
             actions = np.where(led, actions, own)
         return actions, actions
 
-    def predict(
-        self,
-        observation: Any,
-        state: Any = None,
-        episode_start: npt.NDArray[Any] | None = None,
-        deterministic: bool = False,
-    ) -> tuple[npt.NDArray[Any], Any]:
-        """The student's actions for observations: it acts alone, without the teacher's share of the steps."""
-        return self.policy.predict(observation, state, episode_start, deterministic)
+    def _explored(self, actions: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """The actions as they are: the rate is the teacher's share, and the student acts alone."""
+        return actions
 
     def _begin(self, infos: Infos) -> None:
         assert self.teacher is not None

@@ -1,7 +1,7 @@
 """How long trials will take, by finished ones: those of a folder, else those that come with the package."""
 
 import contextlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -93,7 +93,7 @@ def trials(missing: Sequence[TrialConfig], out: Path, jobs: int) -> Expected:
     return Expected(each, jobs, told=known is not None, published=not own and known is not None)
 
 
-def by_published(kinds: Iterable[Kind]) -> dict[Kind, float] | None:
+def by_published(kinds: Collection[Kind]) -> dict[Kind, float] | None:
     """Return how many seconds trials take by the published ones; None if these do not tell of each.
 
     Training takes as long per step as theirs, and a trial as long beside its training.
