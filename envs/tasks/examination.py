@@ -99,7 +99,8 @@ class ExaminationEnv(GuidanceEnv):
     ## Arguments
     `noise` (probability, default 0), `reward` ("normalized", "paper" or "image"), `phantom` (`Phantom`
     or `Anatomy`), `probe` (`LinearArray`), `imaging` (`Imaging`), `render_mode` (None or "rgb_array"),
-    `senses` (what is told beside the frame, such as `("position", "heading")`; None for nothing).
+    `senses` (what is told beside the frame, such as `("position", "heading")`; `()` for nothing,
+    None for the task's own).
     """
 
     task = EXAMINATION

@@ -76,7 +76,8 @@ class FocalPointEnv(GuidanceEnv):
     ## Arguments
     `noise` (probability, default 0), `reward` ("normalized", "paper" or "image"), `phantom` (`Phantom`
     or `Anatomy`), `probe` (`LinearArray`), `imaging` (`Imaging`), `render_mode` (None or "rgb_array"),
-    `senses` (what is told beside the frame, such as `("position", "focus")`; None for nothing).
+    `senses` (what is told beside the frame, such as `("position", "focus")`; `()` for nothing,
+    None for the task's own).
     """
 
     task = FOCAL_POINT

@@ -143,7 +143,8 @@ class ImagingSetupEnv(GuidanceEnv):
     `noise` (probability, default 0), `reward` ("normalized"), `phantom` (`Phantom`, its object the cyst),
     `probe` (`LinearArray`) and `imaging` (`Imaging`; another one replaces noise and gain, too), whose
     frequency and dynamic range give way to the settings, `render_mode` (None or "rgb_array"), `senses` (what
-    is told beside the frame, such as `("actions",)`; None for nothing).
+    is told beside the frame, such as `("actions",)`; `()` for nothing,
+    None for the task's own).
 
     ## Version History
     v1: noise of the electronics and time gain compensation. v0, the first version, has neither:

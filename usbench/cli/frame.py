@@ -130,6 +130,10 @@ def _source(args: argparse.Namespace) -> Source:
     if args.scatterers:
         points = read_points(args.scatterers, tell=lambda text: print(text, file=sys.stderr))
         return snapshot_option.Source(points, points.label, **parts)
-    tissue = custom_anatomy(args.phantom, looking=True) or snapshot_option.phantom_of(args.task, args.number)
-    usual, label = snapshot_option.usual_imaging(args.task), snapshot_option.label(args.task, args.number)
-    return snapshot_option.Source(tissue, label, usual=usual, **{"imaging": usual, **parts})
+    usual = snapshot_option.usual_imaging(args.task)
+    parts = {"usual": usual, "imaging": usual, **parts}
+    if anatomy := custom_anatomy(args.phantom, looking=True):
+        path, *settings = args.phantom
+        return snapshot_option.Source(anatomy, "-".join([Path(path).name.split(".")[0], *settings]), **parts)
+    label = snapshot_option.label(args.task, args.number)
+    return snapshot_option.Source(snapshot_option.phantom_of(args.task, args.number), label, **parts)
