@@ -166,7 +166,7 @@ def test_without_simple_itk_the_extra_is_named(capsys, file, monkeypatch):
     assert "pip install 'usbench[anatomy]'" in refusal(capsys, *RUN, str(file), *TARGET)
 
 
-def test_a_frame_to_look_around_needs_no_target(capsys, file, tmp_path):
+def test_a_frame_to_look_around_needs_no_target(capsys, file, tmp_path, monkeypatch):
     out = tmp_path / "slice.png"
     look = ["frame", "--x", "5", "--angle", "30", "--phantom", str(file), "frames=recorded"]
     assert cli.main([*look, "--plain", "--out", str(out)]) == 0
@@ -174,7 +174,10 @@ def test_a_frame_to_look_around_needs_no_target(capsys, file, tmp_path):
     shown = np.asarray(Image.open(out))
     recording = custom_anatomy([str(file), "frames=recorded"], looking=True)
     np.testing.assert_array_equal(shown, recording.recorded_frame(Pose(5, 50, 30), (90, 40), 1e-3))
-    assert cli.main([*look, "--out", str(tmp_path / "figure.png")]) == 0
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(look) == 0
+    # Named after the file and its settings, so that frames of one pose do not overwrite each other.
+    assert (tmp_path / f"frame_{file.stem}-frames=recorded_x5_depth50_angle30.png").exists()
     assert "a recorded image has no rf" in refusal(capsys, *look, "--rf")
 
 
