@@ -44,6 +44,7 @@ def test_row_says_how_many_environments_and_a_budget_that_they_share_evenly():
         ("dqn", "many", "n_envs must be a whole number in .1, 1024., not 'many'"),
         ("dqn", 3, r"steps must be a multiple of n_envs \(3\), not 64"),
         ("ppo", 8, r"n_steps must be a multiple of n_envs \(8\), not 36"),
+        ("vpg", 64, r"n_envs must be less than n_steps \(64\), not 64"),
         ("dqn", Fraction(10**400, 3), "n_envs must be a whole number in .1, 1024., not Fraction"),
         ("random", 2, "n_envs must be 1 for an agent that is not Stable-Baselines3's, not 2"),
     ],

@@ -74,7 +74,10 @@ def resolve(
 
 
 def _n_envs(asked: int | None, entry: zoo.Entry, steps: int, rollout: int) -> int:
-    """Return how many environments learn in step; ValueError unless they share steps and rollout evenly."""
+    """Return how many environments learn in step; ValueError unless they share steps and rollout evenly.
+
+    Each of them takes two steps of a rollout or more.
+    """
     if asked is None:  # of the row's number, so many that they do
         return math.gcd(entry.n_envs, steps, rollout)
     n_envs = whole_number("n_envs", asked, 1, MAX_ENVS)
@@ -84,6 +87,8 @@ def _n_envs(asked: int | None, entry: zoo.Entry, steps: int, rollout: int) -> in
         raise ValueError(f"steps must be a multiple of n_envs ({n_envs}), not {steps}.")
     if rollout % n_envs:
         raise ValueError(f"n_steps must be a multiple of n_envs ({n_envs}), not {rollout}.")
+    if n_envs == rollout:
+        raise ValueError(f"n_envs must be less than n_steps ({rollout}), not {n_envs}.")
     return n_envs
 
 
