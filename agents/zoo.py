@@ -82,7 +82,7 @@ def entry(algo: str) -> Entry:
     if algo in ZOO:
         return ZOO[algo]
     if "+" in algo:
-        return _with_network(*algo.rsplit("+", 1))
+        return _with_network(*algo.split("+", 1))
     registered = plugins.registered()
     place = registered.get(algo, algo)
     if ":" in place:

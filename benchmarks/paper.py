@@ -143,7 +143,7 @@ def lost(rises: Mapping[str, tuple[Array, Array]]) -> tuple[Interval, Interval, 
 
     `rises` are those of each task's trials, without noise and with it.
     """
-    generator = np.random.default_rng(scores.BOOTSTRAP_SEED)
+    generator = np.random.default_rng(stats.BOOTSTRAP_SEED)
     found, drawn = {}, {}
     for task, own in rises.items():
         quiet, noisy = (one[generator.integers(len(one), size=(stats.N_RESAMPLES, len(one)))] for one in own)

@@ -17,7 +17,8 @@ TASKS: dict[str, tuple[str, ...]] = {
     "exam-tracked": ("position", "focus", "heading"),
 }
 ACTIONS = "actions"
-# Algorithms that are told the truth while they learn, and are not ranked, with what is said of them.
+# Algorithms of this package that learn from knowledge of the simulator, and are not ranked, with what is said
+# of them.
 TAUGHT = {"distilled": "ceiling, not ranked", "belief": "classical, not ranked"}
 
 

@@ -1,10 +1,13 @@
 """The pools of seeds of the protocol: which seeds serve which purpose, so that none serves two."""
 
+import hashlib
+import json
 import tomllib
+from collections.abc import Mapping
 from functools import cache
 from itertools import combinations
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from annotated_types import Ge
 from pydantic import ConfigDict
@@ -19,12 +22,26 @@ STRICT = ConfigDict(strict=True, allow_inf_nan=False, extra="forbid")
 Seed = Annotated[int, Ge(0)]
 
 
+def digest(protocol: Mapping[str, Any]) -> str:
+    """Return a checksum of the values of a protocol, whatever the comments in its file say."""
+    return hashlib.sha256(json.dumps(protocol, sort_keys=True).encode()).hexdigest()[:16]
+
+
 @dataclass(frozen=True, config=STRICT)
 class Pool:
-    """The seeds from `first` to `last`."""
+    """The seeds from `first` to `last`.
+
+    Raises:
+        ValueError: If the last comes before the first.
+    """
 
     first: Seed
     last: Seed
+
+    def __post_init__(self) -> None:
+        """Check that there are seeds."""
+        if self.last < self.first:
+            raise ValueError(f"a pool of seeds must not end before it begins, as {self} does")
 
     def __contains__(self, seed: int) -> bool:
         """Return whether `seed` is in the pool."""

@@ -1,4 +1,4 @@
-"""The tasks of the benchmark with all that follows from their rows: environments, episodes, anchors."""
+"""The tasks of the benchmark, and what follows from their rows: environments, episodes, evaluation points."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass

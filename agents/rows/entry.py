@@ -5,11 +5,19 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from usbench.agents.hyperparameters import Value
+from usbench.checks import unknown
+
+# The methods of a `Setting` that make what an agent may need beside the environment.
+NEEDS = ("teacher", "scene_model")
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A row of the table. Texts "module:name" stand for what is imported when a model is made."""
+    """A row of the table. Texts "module:name" stand for what is imported when a model is made.
+
+    Raises:
+        ValueError: `needs` names nothing that a `Setting` makes.
+    """
 
     cls: str
     policy: str | None = None
@@ -23,8 +31,8 @@ class Entry:
     # How many environments in step it learns in, unless a trial says otherwise.
     n_envs: int = 1
     learns: bool = True
-    # What a `Setting` makes for it beside the environment, by the name of the method. An agent with a need is
-    # told the truth while it learns, and is not ranked.
+    # What a `Setting` makes for it beside the environment, by the name of the method. An agent with a need
+    # learns from knowledge of the simulator; those of `usbench.ceilings.TAUGHT` are not ranked.
     needs: str = ""
     # Whether the agent looks at frames; for an agent that does not look, no frames are simulated.
     looks: bool = True
@@ -32,6 +40,11 @@ class Entry:
     compared: bool = True
     # What it is, in a line.
     title: str = ""
+
+    def __post_init__(self) -> None:
+        """Check that a `Setting` makes what is needed."""
+        if self.needs and self.needs not in NEEDS:
+            raise unknown("need of an algorithm", self.needs, NEEDS)
 
 
 # Every network is a trunk and one fully connected output.

@@ -13,10 +13,10 @@ from usbench.agents.value_based.views import Views
 class SymmetricQNetwork(QNetwork):
     """Values of the actions: features of the observation, and one output for its value and the advantages.
 
-    With senses, the network looks at the canonical view of an observation (see `Views.canonical`) and the
-    values are turned back: the network learns an eighth of the poses, and gives the others the same values
-    turned, but for those whose coordinates do not tell two views apart. Without `canonical` the network looks
-    at observations as they are.
+    With `symmetries`, the network looks at the canonical view of an observation (see `Views.canonical`), and
+    the values are turned back: told the whole pose, it learns an eighth of the poses, and gives the others
+    the same values turned, but for those whose coordinates do not tell two views apart. Without `canonical`
+    the network looks at observations as they are.
 
     Source: Wang et al., "Dueling network architectures" (2016), Eq. 9.
     """

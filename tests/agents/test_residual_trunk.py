@@ -61,6 +61,7 @@ def test_every_algorithm_learns_with_it(quick, tmp_path, algo):
         ("ppo+resdual", "unknown network 'resdual' .did you mean 'residual'"),
         ("pop+residual", "unknown algorithm 'pop' .did you mean 'ppo'"),
         ("oracle+residual", "oracle has no network"),
+        ("ppo+residual+residual", "unknown network 'residual.residual'"),
     ],
 )
 def test_unknown_networks_are_refused(name, said):

@@ -17,10 +17,11 @@ import sweep_worker
 import trials
 from state_files import read_state
 
-from usbench import cli
+from usbench import cli, records
 from usbench.compare import dask_cluster, sweep
 from usbench.compare.dask_cluster import Cluster
 from usbench.records import ConfigurationError
+from usbench.trials import runner
 from usbench.trials.configuration import resolve
 
 dask = pytest.importorskip("dask")
@@ -131,7 +132,7 @@ def test_killed_worker_costs_only_its_unfinished_trials(quick, tmp_path, two, mo
     outcomes = run([slow, short], tmp_path, two)
     killer.join()
     assert {outcome.reason for outcome in outcomes} == {None} and len(outcomes) == 2
-    assert {name.split("/")[0] for name in before} == {short.folder_name}
+    assert {name.split("/")[0] for name in before} == {short.folder_name, ".locks"}
     assert before.items() <= contents(tmp_path, "*/*").items()
     assert read_state(tmp_path / slow.folder_name)["status"] == "finished"
 
@@ -260,6 +261,15 @@ def test_files_that_are_no_trials_are_not_written(quick, tmp_path, name):
     with pytest.raises(ValueError, match="does not belong"):
         dask_cluster._bring({name: b"x"}, config, tmp_path / "runs")
     assert not list(tmp_path.rglob("*outside*")) and not (tmp_path / "runs").exists()
+
+
+def test_a_trial_that_another_sweep_finished_meanwhile_stays(quick, tmp_path):
+    (config,) = plan("stay")
+    folder = runner.run_trial(config, tmp_path).folder
+    before = (folder / "trial.json").read_bytes()
+    dask_cluster._bring({"trial.json": b"another"}, config, tmp_path)
+    assert records.trial_folders(tmp_path) == [folder]
+    assert (folder / "trial.json").read_bytes() == before
 
 
 def test_comparison_on_a_cluster_from_the_command_line(quick, tmp_path, two, monkeypatch):

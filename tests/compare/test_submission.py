@@ -152,6 +152,17 @@ def test_a_forged_evaluation_is_found(runs, change, said):
     assert said in " ".join(submission.problems(folder))
 
 
+def test_a_point_that_a_rollout_passed_over_is_not_missing(runs):
+    folder = records.trial_folders(runs)[0]
+    between = suite.evaluation_points("pp", STEPS)[1]
+
+    def passed_over(rows):
+        rows[:] = [row for row in rows if row["checkpoint"] != between]
+
+    rewrite(folder, records.EVALUATIONS, passed_over)
+    assert submission.problems(folder) == []
+
+
 def test_a_record_that_was_changed_without_its_checksum_is_damaged(runs):
     folder = records.trial_folders(runs)[0]
     path = folder / records.EVALUATIONS

@@ -1,5 +1,7 @@
 """Records: written whole, read back, and refused in one sentence where they are broken."""
 
+import json
+import math
 from dataclasses import asdict
 from pathlib import Path
 
@@ -196,6 +198,29 @@ def test_a_line_without_a_number_that_is_needed_is_refused(tmp_path, changed):
     with Journal(folder / records.EVALUATIONS) as journal:
         journal.append([{**evaluation(2).as_row(), **changed} if changed else {}])
     with pytest.raises(ValueError, match=r"evaluations.jsonl is damaged: a line of it has no number '"):
+        Trial.read(folder).evaluations()
+
+
+def test_infinity_of_another_program_is_refused(tmp_path):
+    folder = trial(tmp_path)
+    with (folder / records.EVALUATIONS).open("a") as file:
+        file.write(json.dumps({**evaluation(2).as_row(), "return": math.inf}) + "\n")
+    with pytest.raises(ValueError, match="evaluations.jsonl is damaged: a line of it has no number 'return'"):
+        Trial.read(folder).evaluations()
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"final_sin_angle": -1.5}, r"a line of it has no 'final_sin_angle' in \[-1, 1\]\."),
+        ({"steps_to_goal": "never"}, "a 'steps_to_goal' that is neither a number nor null"),
+    ],
+)
+def test_a_number_that_cannot_be_is_refused(tmp_path, changed, said):
+    folder = trial(tmp_path)
+    with Journal(folder / records.EVALUATIONS) as journal:
+        journal.append([{**evaluation(2).as_row(), **changed}])
+    with pytest.raises(ValueError, match=f"evaluations.jsonl is damaged: .*{said}"):
         Trial.read(folder).evaluations()
 
 

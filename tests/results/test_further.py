@@ -67,6 +67,10 @@ def test_one_table_alone_is_not_split():
     assert list(further.split(made(*GRID))) == list(further.split(made())) == ["grid"]
 
 
+def test_further_tables_without_the_grid_keep_their_names():
+    assert list(scores.parts(made(*SINGLE, *FOUR))) == ["single-frames", "long"]
+
+
 def test_nothing_of_the_grid_changes_by_further_tables():
     before, after = scores.cells(made(*GRID)), scores.cells(ALL)
     after = after[after["table"] == "grid"].reset_index(drop=True)

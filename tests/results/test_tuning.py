@@ -11,11 +11,13 @@ from made_tables import made, seeds
 
 from usbench import cli
 from usbench.checks import ConfigurationError
+from usbench.compare import protocol
 from usbench.figures import tuning as drawn
 from usbench.results import leaderboard, tables
 from usbench.results.protocol import tuning
 
 TOP = Path(__file__).parents[2]
+PROTOCOL = protocol.read().digest
 CELLS = [(task, noise) for task in ("fp", "pp") for noise in (0.0, 0.5)]
 
 
@@ -26,7 +28,7 @@ def record(folder, row, scores, *, cells=CELLS, later=()):
         for number, score in enumerate(scores)
         for task, noise in cells
     ]
-    lines = [{"row": row, "candidates": [{} for _ in scores]}, *trials, *later]
+    lines = [{"row": row, "protocol": PROTOCOL, "candidates": [{} for _ in scores]}, *trials, *later]
     (folder / f"{row}.jsonl").write_text("".join(f"{json.dumps(line)}\n" for line in lines))
 
 
@@ -132,7 +134,18 @@ def test_folder_without_records_is_refused(tmp_path):
         tuning.gather(tmp_path)
 
 
-@pytest.mark.parametrize("content", ["{}\n", "[]\n", '{"row": "vpg", "candidates": [{}]}\n{}\n', "", "no\n"])
+def test_a_search_by_another_protocol_is_refused(tmp_path):
+    record(tmp_path, "vpg", [0.1, 0.5])
+    path = tmp_path / "vpg.jsonl"
+    path.write_text(path.read_text().replace(PROTOCOL, "0" * 16))
+    with pytest.raises(ConfigurationError, match=r"vpg.jsonl' is the record of a search by another protocol"):
+        tuning.gather(tmp_path)
+
+
+HEAD = json.dumps({"row": "vpg", "protocol": PROTOCOL, "candidates": [{}]})
+
+
+@pytest.mark.parametrize("content", ["{}\n", "[]\n", f"{HEAD}\n{{}}\n", "", "no\n"])
 def test_damaged_records_are_refused(tmp_path, content):
     (tmp_path / "vpg.jsonl").write_text(content)
     with pytest.raises(ConfigurationError, match="is not the record of a search"):

@@ -11,6 +11,7 @@ from state_files import read_state
 
 from usbench import cli, records
 from usbench.agents import plugins, zoo
+from usbench.agents.rows.entry import Entry
 from usbench.envs.pose import Pose
 from usbench.envs.tasks.examination import EXAMINATION
 from usbench.trials.configuration import resolve
@@ -103,6 +104,27 @@ def test_the_pages_network_learns_from_stacked_frames(here):
         assert agent.policy.pi_features_extractor.features_dim == 128
     finally:
         sys.modules.pop("network", None)
+
+
+WHOLE_EPISODES = """
+from stable_baselines3 import DQN
+
+class Whole(DQN):
+    def __init__(self, *args, **kwargs):
+        super().__init__(*args, **kwargs, train_freq=(1, "episode"), learning_starts=8, buffer_size=100)
+"""
+
+
+def test_an_agent_that_learns_after_whole_episodes_keeps_the_budget(here):
+    (here / "mine.py").write_text(WHOLE_EPISODES)
+    assert cli.main(["run", "--algo", "mine:Whole", "--task", "pp", "--steps", "40", "--quiet"]) == 0
+    assert records.load(here / "runs", "evaluations")["step"].max() == 40
+
+
+@pytest.mark.parametrize("need", ["teachers", "anchors"])
+def test_a_row_that_needs_what_no_setting_makes_is_refused(need):
+    with pytest.raises(ValueError, match=f"unknown need of an algorithm '{need}'"):
+        Entry("mine:Counter", needs=need)
 
 
 def test_entry_point_gives_a_plain_name(here, monkeypatch, capsys):

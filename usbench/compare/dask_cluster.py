@@ -24,6 +24,8 @@ from usbench.checks import install
 from usbench.records import ConfigurationError, TrialConfig
 from usbench.trials import configuration
 from usbench.trials.callback import Silent
+from usbench.trials.finished import find_finished
+from usbench.trials.lock import locked
 
 CONNECT_S = 5.0
 MAX_GREETING = 1_000_000
@@ -245,11 +247,14 @@ def _bring(files: Files, config: TrialConfig, out: Path) -> None:
         raise ValueError(f"a worker sent a file {strange[0]!r} that does not belong to a trial.")
     if not files:
         return
-    folder = records.create(out, config)
-    for name, content in files.items():
-        (folder / name).parent.mkdir(exist_ok=True)
-        with atomic_file(folder / name) as file:
-            file.write(content)
+    with locked(out / config.folder_name):
+        if find_finished(config, out) is not None:  # by another sweep, meanwhile
+            return
+        folder = records.create(out, config)
+        for name, content in files.items():
+            (folder / name).parent.mkdir(exist_ok=True)
+            with atomic_file(folder / name) as file:
+                file.write(content)
 
 
 def _check_writable(out: Path) -> None:

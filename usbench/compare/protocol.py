@@ -1,22 +1,21 @@
 """The protocol of the comparison, read from a TOML file and checked: pools of seeds, search, grid."""
 
-import hashlib
 import json
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from annotated_types import Ge, Le, Len
 from pydantic import TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
 from usbench import suite
-from usbench.agents.search_space import SPACES
+from usbench.agents.search_space import SPACES, candidates
 from usbench.agents.zoo import entry, winners
 from usbench.checks import misfit, unknown
 from usbench.records import ConfigurationError
-from usbench.seed_pools import PROTOCOL, STRICT, Pools, Seed
+from usbench.seed_pools import PROTOCOL, STRICT, Pools, Seed, digest
 from usbench.seed_pools import own as own_pools
 
 PATH = PROTOCOL
@@ -39,7 +38,7 @@ class Search:
     """The search for hyperparameters, the same for every row."""
 
     rows: Names
-    candidates: Positive
+    candidates: Annotated[int, Ge(1), Le(1000)]
     tasks: Names
     noises: Noises
     rungs: Annotated[tuple[Rung, ...], Len(1)]
@@ -127,7 +126,7 @@ class Protocol(_Content):
     @property
     def is_of_the_package(self) -> bool:
         """Return whether it is the benchmark's own protocol."""
-        return self.digest == _digest(tomllib.loads(PATH.read_text(encoding="utf-8")))
+        return self.digest == digest(tomllib.loads(PATH.read_text(encoding="utf-8")))
 
 
 def read(path: Path = PATH) -> Protocol:
@@ -151,14 +150,10 @@ def read(path: Path = PATH) -> Protocol:
     except (TypeError, ValueError) as error:  # TOML has dates, and JSON has none
         reason = str(error).removesuffix(".")
         raise ConfigurationError(f"the protocol file {str(path)!r} cannot be used: {reason}.") from error
-    return Protocol(content.pools, content.search, content.comparison, _digest(values))
+    return Protocol(content.pools, content.search, content.comparison, digest(values))
 
 
 _ADAPTER = TypeAdapter(_Content)
-
-
-def _digest(values: dict[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def _check(content: _Content) -> None:
@@ -167,6 +162,7 @@ def _check(content: _Content) -> None:
     for name in search.rows:
         if name not in SPACES:
             raise unknown("algorithm with a search space", name, SPACES)
+        candidates(name, search.candidates)  # refuses more than its space holds
     extras = comparison.extras
     for name in (*comparison.rows, *(name for extra in extras for name in extra.rows or ())):
         entry(name)

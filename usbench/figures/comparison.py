@@ -175,7 +175,7 @@ def performance_profiles(known: Results) -> Figure | None:
         profile = stats.stratified_bootstrap(
             lambda stack: stats.performance_profile(stack, thresholds),
             matrices[algo],
-            generator=np.random.default_rng(scores.BOOTSTRAP_SEED),
+            generator=np.random.default_rng(stats.BOOTSTRAP_SEED),
         )
         look = drawn[algo]
         axis.plot(thresholds, profile.estimate, label=algo, markevery=10, markersize=4, **look)
@@ -234,7 +234,7 @@ def _by_cell(table: pd.DataFrame) -> list[tuple[Cell, pd.DataFrame]]:
 def _score_row(axis: Any, height: float, matrix: stats.Array, look: Mapping[str, Any]) -> None:
     """Draw the scores (n_seeds, 1) of an agent in a cell: its seeds, their interval, their mean."""
     interval = stats.stratified_bootstrap(
-        stats.iqm, matrix, generator=np.random.default_rng(scores.BOOTSTRAP_SEED)
+        stats.iqm, matrix, generator=np.random.default_rng(stats.BOOTSTRAP_SEED)
     )
     seeds = matrix[matrix >= 0]
     axis.plot(seeds, np.full(len(seeds), height + 0.28), "o", color="0.4", fillstyle="none", ms=3, mew=0.8)

@@ -10,7 +10,7 @@ from annotated_types import Ge, Le, Lt
 
 # In the configuration of an environment: the file of a custom anatomy. The phantom tells its content.
 VOLUME = "volume"
-# Frames in one observation: as many as an episode has, and more than any trial needs.
+# Frames in one observation: more than an episode has.
 MAX_FRAMES = 64
 # Environments in step: a phantom each lies in memory.
 MAX_ENVS = 1024

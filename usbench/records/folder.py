@@ -1,4 +1,4 @@
-"""The folder of a trial: made, found again, and its state written and read.
+"""The folder of a trial: made, found again, and the errors where there is none.
 
 A trial folder holds `trial.json` (resolved configuration, versions, hash of the frames, status, anchors),
 `episodes.jsonl` (one line per training episode), `evaluations.jsonl` (one line per evaluation episode),

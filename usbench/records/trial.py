@@ -198,12 +198,22 @@ class Trial:
         rows = pd.DataFrame(read_rows(self.folder / name))
         if not len(rows):
             return rows
+        damaged = f"{self.folder / name} is damaged"
         for key in NUMBERS[name]:
-            if key not in rows or not is_numeric_dtype(rows[key]) or rows[key].isna().any():
-                raise ValueError(f"{self.folder / name} is damaged: a line of it has no number {key!r}.")
+            if key not in rows or not _are_numbers(rows[key]):
+                raise ValueError(f"{damaged}: a line of it has no number {key!r}.")
+        if (rows["final_sin_angle"].abs() > 1 + 1e-9).any():
+            raise ValueError(f"{damaged}: a line of it has no 'final_sin_angle' in [-1, 1].")
         if TO_GOAL not in rows:
-            raise ValueError(f"{self.folder / name} is damaged: no line of it has {TO_GOAL!r}.")
+            raise ValueError(f"{damaged}: no line of it has {TO_GOAL!r}.")
+        if not _are_numbers(rows[TO_GOAL].dropna().infer_objects()):
+            raise ValueError(f"{damaged}: a line of it has a {TO_GOAL!r} that is neither a number nor null.")
         return rows.assign(normalized_score=self.anchors.score(rows["return"]))
+
+
+def _are_numbers(values: pd.Series) -> bool:
+    """Return whether all are finite numbers; so are none at all."""
+    return values.empty or (is_numeric_dtype(values) and bool(np.isfinite(values).all()))
 
 
 _ADAPTER = TypeAdapter(Trial)

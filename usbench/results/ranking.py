@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from usbench.results import stats
-from usbench.results.scores import BOOTSTRAP_SEED, score_of
+from usbench.results.scores import score_of
 
 # With a level corrected for 28 pairs, an interval's ends are the 0.09 % at each side: 45 of these resamples.
 N_RESAMPLES = 50_000
@@ -93,7 +93,7 @@ def improvement(scores: Mapping[str, stats.Array]) -> pd.DataFrame:
         sizes = (len(x), len(y), x.shape[1])
         if sizes not in drawn:
             # Afresh for each pair of sizes: a pair does not change when another agent is added.
-            generator = np.random.default_rng(BOOTSTRAP_SEED)
+            generator = np.random.default_rng(stats.BOOTSTRAP_SEED)
             drawn[sizes] = [
                 [stats.draw_counts(n, x.shape[1], N_RESAMPLES, generator, whole) for n in sizes[:2]]
                 for whole in (False, True)

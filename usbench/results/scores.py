@@ -38,8 +38,6 @@ CELL = list(Cell._fields)
 ROW = [*CELL, "algo", "configuration", "agent"]
 # What cells are averaged over together.
 ALL, PAPERS, OTHERS = "all cells", "the paper's tasks", "the other tasks"
-# Every interval draws from a fresh generator: a row does not change when another one is added.
-BOOTSTRAP_SEED = 20_190_002
 _NO_SCORE = dict.fromkeys(("score", "score_low", "score_high"), np.nan)
 
 
@@ -47,10 +45,14 @@ def parts(results: Results) -> dict[str, Results]:
     """Return the results that are averaged together: those of the grid first, then each further table's.
 
     Of the grid, the paper's tasks and the others are apart where agents learned on both: the paper's question
-    is about its own, and the tasks beside them need not have every algorithm and noise.
+    is about its own, and the tasks beside them need not have every algorithm and noise. A further table alone
+    is treated as a grid.
     """
-    grid, *others = further.split(results).items()
-    return _by_tasks(grid[1]) | dict(others)
+    found = further.split(results)
+    if len(found) == 1:
+        return _by_tasks(*found.values())
+    grid = found.pop(further.GRID, None)
+    return found if grid is None else _by_tasks(grid) | found
 
 
 def prefix(part: str) -> str:
@@ -79,7 +81,7 @@ def environments(trials: pd.DataFrame) -> pd.Series:
 
 
 def ranked(trials: pd.DataFrame) -> pd.Series:
-    """Return which trials are of agents that are ranked: those that learn, and are not told the truth."""
+    """Return which trials are of ranked agents: those that learn, except those of `ceilings.TAUGHT`."""
     return (trials["steps"] > 0) & (trials["algo"].map(taught) == "")
 
 
@@ -234,7 +236,7 @@ def _numbers(curves: pd.DataFrame, last: pd.DataFrame) -> dict[str, float]:
 
 def score_of(matrix: stats.Array, whole_seeds: bool = False) -> dict[str, float]:
     """Return the IQM and its interval, seeds drawn for each cell or whole; a single seed has none."""
-    generator = np.random.default_rng(BOOTSTRAP_SEED)
+    generator = np.random.default_rng(stats.BOOTSTRAP_SEED)
     interval = stats.stratified_bootstrap(stats.iqm, matrix, generator=generator, whole_seeds=whole_seeds)
     low, high = (interval.low, interval.high) if len(matrix) > 1 else (np.nan, np.nan)
     return {"score": float(interval.estimate), "score_low": float(low), "score_high": float(high)}

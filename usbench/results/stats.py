@@ -16,6 +16,8 @@ Array = npt.NDArray[np.float64]
 
 LEVEL = 0.95
 N_RESAMPLES = 2000
+# Every interval draws from a fresh generator: a row does not change when another one is added.
+BOOTSTRAP_SEED = 20_190_002
 
 
 @dataclass(frozen=True)

@@ -183,7 +183,7 @@ def _once(planned: Collection[TrialConfig]) -> list[TrialConfig]:
 
 
 def _row(config: TrialConfig, trial: Trial | None) -> dict[str, Any]:
-    """Return the row of a trial, None if it has none yet; what cannot be known yet is NaN or empty."""
+    """Return the row of a trial, None for one without a record; what is not known is NaN or empty."""
     plain = records.identity(asdict(config if trial is None else trial.config))
     anchors, timings, versions = (
         ({}, {}, {}) if trial is None else (asdict(trial.anchors), trial.timings, trial.versions)

@@ -8,6 +8,7 @@ from typing import Any, Protocol
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger
+from stable_baselines3.common.type_aliases import TrainFrequencyUnit
 
 from usbench.records import Episode
 from usbench.records.journal import Journal
@@ -181,11 +182,17 @@ class TrainingWatch(BaseCallback):
     def _on_step(self) -> bool:
         self._tell()
         # Ending a rollout here leaves it out of training, so only one that would overrun the budget is ended.
-        return self.num_timesteps < self._steps or self._steps % rollout_steps(self.model) == 0
+        rollout = rollout_steps(self.model)
+        return self.num_timesteps < self._steps or (rollout > 0 and self._steps % rollout == 0)
 
 
 def rollout_steps(model: Any) -> int:
-    """Return how many steps the algorithm collects before it learns from them, of all environments."""
+    """Return how many steps the algorithm collects before it learns from them, of all environments.
+
+    0 if it collects whole episodes.
+    """
     # Off-policy first: their `n_steps` is the length of n-step returns.
-    each = model.train_freq.frequency if hasattr(model, "train_freq") else model.n_steps
-    return int(each * model.n_envs)
+    if not hasattr(model, "train_freq"):
+        return int(model.n_steps * model.n_envs)
+    each, unit = model.train_freq
+    return 0 if unit == TrainFrequencyUnit.EPISODE else int(each * model.n_envs)

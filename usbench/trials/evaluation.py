@@ -1,4 +1,4 @@
-"""Episodes observed from outside: the recorder around an environment, and evaluation in lockstep."""
+"""Evaluation: all episodes of a list in step, played by any agent."""
 
 import contextlib
 import random
@@ -104,8 +104,11 @@ def play_in_step(
 
 
 def explores(agent: Agent) -> bool:
-    """Return whether an agent's sampled actions are exploration: it is value-based, as SB3's DQN."""
-    return hasattr(agent, "exploration_rate")
+    """Return whether an agent's sampled actions are exploration: it is value-based, as SB3's DQN.
+
+    The rate of one with a teacher is the teacher's share, and it acts alone.
+    """
+    return hasattr(agent, "exploration_rate") and not getattr(agent, "takes_teacher", False)
 
 
 def _act(

@@ -20,7 +20,8 @@ class Interruption:
 def put_off(tell: Callable[[], None]) -> Iterator[Interruption]:
     """Let the first signal only be noted, after which `tell` is called; a second one interrupts at once.
 
-    A signal that is ignored stays ignored. Outside the main thread, where no signal arrives, nothing changes.
+    A signal that is ignored, or does what it does by default, stays so: the command line gives SIGTERM a
+    handler before. Outside the main thread, where no signal arrives, nothing changes.
     """
     interruption = Interruption()
     if threading.current_thread() is not threading.main_thread():

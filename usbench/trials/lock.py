@@ -37,7 +37,7 @@ def locked(folder: Path) -> Iterator[None]:
     try:
         lock.acquire()
     except Timeout:
-        log.warning("another process runs the trial %s: waiting for it", folder.name)
+        log.warning("another process holds %s: waiting for it", folder.name)
         lock.acquire(timeout=-1, poll_interval=1.0)
     try:
         yield

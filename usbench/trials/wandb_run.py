@@ -22,7 +22,7 @@ def followed(config: TrialConfig) -> Iterator[None]:
         import wandb
     except ImportError:
         raise ConfigurationError(
-            f"to follow a trial needs Weights & Biases, which is not installed: {install('wandb')}."
+            f"Weights & Biases, which is to follow the trial, is not installed: {install('wandb')}."
         ) from None
     try:
         run = wandb.init(

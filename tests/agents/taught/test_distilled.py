@@ -16,6 +16,7 @@ from usbench.records import ConfigurationError
 from usbench.setting import Setting
 from usbench.trials import runner
 from usbench.trials.configuration import resolve
+from usbench.trials.evaluation import explores
 from usbench.watch.advice import Adviser
 
 SMALL = {
@@ -113,6 +114,7 @@ def test_student_acts_alone_whatever_the_teachers_share():
     assert agent.exploration_rate == 1
     seen = DummyVecEnv([Telling] * 200).reset()
     assert np.array_equal(agent.predict(seen)[0], agent.policy.predict(seen)[0])
+    assert not explores(agent)
 
 
 def test_costs_above_the_largest_count_as_that():

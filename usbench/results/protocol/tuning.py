@@ -17,7 +17,6 @@ from usbench.atomic import atomic_file
 from usbench.checks import ConfigurationError
 from usbench.records.journal import read_rows
 from usbench.results import stats
-from usbench.results.scores import BOOTSTRAP_SEED
 from usbench.results.text import DASH, code, interval, names, number, table
 from usbench.words import in_one_line
 
@@ -126,7 +125,7 @@ def resampled(scores: stats.Array) -> stats.Interval:
     No resample has a better candidate than the best: towards all candidates, the upper end comes down to the
     estimate.
     """
-    generator = np.random.default_rng(BOOTSTRAP_SEED)
+    generator = np.random.default_rng(stats.BOOTSTRAP_SEED)
     drawn = generator.integers(len(scores), size=(stats.N_RESAMPLES, len(scores)))
     return stats.percentiles(expected_best(scores), expected_best(scores[drawn]))
 
@@ -135,7 +134,7 @@ def section(known: pd.DataFrame) -> str:
     """Return the section of the leaderboard, as Markdown."""
     by_row = candidates(known)
     at_last = winners(known)
-    missing = [row for row in _protocol()["rows"] if row not in by_row]
+    missing = [row for row in _search()["rows"] if row not in by_row]
     waiting = f" Not here, as that rung is not complete yet: {names(missing)}." if missing else ""
     head = [
         "row",
@@ -182,19 +181,22 @@ def _words(row: str, scores: stats.Array) -> list[str]:
 def _trials(path: Path) -> list[dict[str, Any]]:
     """Return the trials of a record's first rung, none if some are missing, and of its complete last."""
     try:
-        head, *trials = read_rows(path)
+        head, *trials = read_rows(path) or [{}]
+        if head["protocol"] != seed_pools.digest(_protocol()):
+            raise ConfigurationError(f"{str(path)!r} is the record of a search by another protocol.")
         known = [{"row": head["row"], **{name: one[name] for name in COLUMNS[1:]}} for one in trials]
         first, last = ([one for one in known if one["rung"] == rung] for rung in (0, LAST_RUNG))
         if not _complete(first, 0, len(head["candidates"])):
             return []
-        return [*first, *(last if _complete(last, LAST_RUNG, _protocol()["rungs"][0]["keep"]) else [])]
+        return [*first, *(last if _complete(last, LAST_RUNG, _search()["rungs"][0]["keep"]) else [])]
     except (KeyError, TypeError, ValueError) as error:
-        raise ConfigurationError(f"{str(path)!r} is not the record of a search: {error}.") from error
+        why = f"it has no {error}" if isinstance(error, KeyError) else error
+        raise ConfigurationError(f"{str(path)!r} is not the record of a search: {why}.") from error
 
 
 def _complete(found: list[dict[str, Any]], rung: int, n_candidates: int) -> bool:
     """Return whether so many candidates have all trials of a rung."""
-    search = _protocol()
+    search = _search()
     cells = product(search["tasks"], search["noises"], search["rungs"][rung]["seeds"])
     done = {tuple(one[name] for name in COLUMNS[1:5]) for one in found}
     tried = {one["candidate"] for one in found}
@@ -202,5 +204,9 @@ def _complete(found: list[dict[str, Any]], rung: int, n_candidates: int) -> bool
 
 
 def _protocol() -> dict[str, Any]:
-    """Return the protocol's section on the search; its command checks every word of it."""
-    return dict(tomllib.loads(seed_pools.PROTOCOL.read_text(encoding="utf-8"))["search"])
+    """Return the benchmark's protocol; the search's command checks every word of it."""
+    return tomllib.loads(seed_pools.PROTOCOL.read_text(encoding="utf-8"))
+
+
+def _search() -> dict[str, Any]:
+    return dict(_protocol()["search"])
