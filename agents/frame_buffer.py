@@ -11,8 +11,9 @@ from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.type_aliases import ReplayBufferSamples
 from stable_baselines3.common.vec_env import VecNormalize
 
+from usbench.agents.networks import IMAGE, SENSES
+
 TRANSITIONS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
-IMAGE, SENSES = "image", "senses"
 
 
 class FrameReplayBuffer(ReplayBuffer):

@@ -13,6 +13,8 @@ from torch.nn import functional
 from usbench.agents.layers.norm_relu_pool import norm_relu_pool
 from usbench.agents.layers.pooling import relu_pool
 
+# Names of the two parts of an observation with senses.
+IMAGE, SENSES = "image", "senses"
 CHANNELS = (16, 32)
 PROJECTED = 64
 

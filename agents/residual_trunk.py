@@ -32,11 +32,11 @@ class ResidualTrunk(BaseFeaturesExtractor):
         super().__init__(observation_space, CHANNELS[-1])
         self.layout = layout
         stages: list[nn.Module] = [
-            _convolution(layout.n_channels, CHANNELS[0], stride=2),
+            convolution(layout.n_channels, CHANNELS[0], stride=2),
             Residual(CHANNELS[0]),
         ]
         for n_in, n_out in zip(CHANNELS, CHANNELS[1:], strict=False):
-            stages += [_convolution(n_in, n_out), nn.MaxPool2d(3, stride=2, padding=1), Residual(n_out)]
+            stages += [convolution(n_in, n_out), nn.MaxPool2d(3, stride=2, padding=1), Residual(n_out)]
         self.stages = nn.Sequential(*stages, nn.ReLU())
 
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
@@ -51,7 +51,7 @@ class Residual(nn.Module):
     def __init__(self, n_channels: int) -> None:
         """Builds the two convolutions."""
         super().__init__()
-        self.first, self.second = (_convolution(n_channels, n_channels) for _ in range(2))
+        self.first, self.second = (convolution(n_channels, n_channels) for _ in range(2))
 
     def forward(self, maps: torch.Tensor) -> torch.Tensor:
         """Maps of the same shape."""
@@ -59,5 +59,6 @@ class Residual(nn.Module):
         return result
 
 
-def _convolution(n_in: int, n_out: int, stride: int = 1) -> nn.Conv2d:
+def convolution(n_in: int, n_out: int, stride: int = 1) -> nn.Conv2d:
+    """A convolution of 3 x 3 pixels that keeps the size of maps, but for the stride."""
     return nn.Conv2d(n_in, n_out, kernel_size=3, stride=stride, padding=1)

@@ -7,10 +7,8 @@ from gymnasium import spaces
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 
-from usbench.agents.networks import ConvTrunk
+from usbench.agents.networks import IMAGE, SENSES, ConvTrunk
 
-# Names of the two parts of an observation.
-IMAGE, SENSES = "image", "senses"
 JOINT = 256
 
 

@@ -13,10 +13,10 @@ from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.dqn.policies import QNetwork
 from torch.nn import functional
 
+from usbench.agents.networks import IMAGE, SENSES
 from usbench.agents.taught.taught import Infos, Taught
 from usbench.agents.value_based.grid_trunk import GridTrunk
 from usbench.agents.value_based.symmetric_policy import SymmetricPolicy
-from usbench.agents.value_based.views import IMAGE, SENSES
 
 Floats = npt.NDArray[np.float32]
 Ints = npt.NDArray[np.int64]

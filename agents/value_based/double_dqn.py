@@ -10,9 +10,10 @@ from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.utils import LinearSchedule
 from torch.nn import functional
 
+from usbench.agents.networks import IMAGE
 from usbench.agents.value_based.n_step_buffer import NStepFrameBuffer
 from usbench.agents.value_based.symmetric_policy import SymmetricPolicy, SymmetricQNetwork
-from usbench.agents.value_based.views import IMAGE, check_layout, shifted
+from usbench.agents.value_based.views import check_layout, shifted
 
 
 class DoubleDQN(DQN):

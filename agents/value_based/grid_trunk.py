@@ -6,6 +6,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 
 from usbench.agents.networks import ImageLayout
+from usbench.agents.residual_trunk import convolution
 
 CHANNELS = (16, 32, 48)
 GROUPS = 4
@@ -40,12 +41,12 @@ class GridTrunk(BaseFeaturesExtractor):
         self.layout = layout
         first, second, third = CHANNELS
         self.stages = nn.Sequential(
-            _convolution(layout.n_channels, first, stride=2),
+            convolution(layout.n_channels, first, stride=2),
             nn.MaxPool2d(3, stride=2, padding=1),
             NormalizedResidual(first, groups),
-            _convolution(first, second, stride=2),
+            convolution(first, second, stride=2),
             NormalizedResidual(second, groups),
-            _convolution(second, third),
+            convolution(second, third),
             NormalizedResidual(third, groups),
             nn.ReLU(),
             nn.AdaptiveAvgPool2d(grid),
@@ -70,14 +71,10 @@ class NormalizedResidual(nn.Module):
         layers: list[nn.Module] = []
         for _ in range(2):
             layers += [nn.GroupNorm(groups, n_channels)] if groups else []
-            layers += [nn.ReLU(), _convolution(n_channels, n_channels)]
+            layers += [nn.ReLU(), convolution(n_channels, n_channels)]
         self.branch = nn.Sequential(*layers)
 
     def forward(self, maps: torch.Tensor) -> torch.Tensor:
         """Maps of the same shape."""
         result: torch.Tensor = maps + self.branch(maps)
         return result
-
-
-def _convolution(n_in: int, n_out: int, stride: int = 1) -> nn.Conv2d:
-    return nn.Conv2d(n_in, n_out, kernel_size=3, stride=stride, padding=1)

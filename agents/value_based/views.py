@@ -6,9 +6,7 @@ import torch
 from gymnasium import spaces
 from torch import nn
 
-from usbench.agents.networks import ImageLayout
-
-IMAGE, SENSES = "image", "senses"
+from usbench.agents.networks import IMAGE, SENSES, ImageLayout
 
 
 class Views(nn.Module):

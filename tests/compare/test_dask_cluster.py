@@ -21,7 +21,7 @@ from usbench import cli, records
 from usbench.compare import dask_cluster, sweep
 from usbench.compare.dask_cluster import Cluster
 from usbench.records import ConfigurationError
-from usbench.trials import runner
+from usbench.trials import configuration, runner
 from usbench.trials.configuration import resolve
 
 dask = pytest.importorskip("dask")
@@ -173,14 +173,14 @@ def test_nothing_listens_but_on_loopback(two):
 
 
 def test_other_versions_are_refused(two, monkeypatch):
-    real = dask_cluster.versions()
+    real = configuration.versions(dask_cluster.PACKAGES)
     monkeypatch.setattr(dask_cluster, "versions", lambda: {**real, "torch": "1.0"})
     said = refusal(two.scheduler_address)
     assert f"torch {real['torch']}, this machine 1.0" in said and "tcp://127.0.0.1:" in said
 
 
 def test_worker_of_another_version_that_comes_later_is_refused(quick, tmp_path, two):
-    expected = {**dask_cluster.versions(), "python": "2.7"}
+    expected = {**configuration.versions(dask_cluster.PACKAGES), "python": "2.7"}
     with distributed.Client(two, set_as_default=False) as client:
         late = client.submit(dask_cluster.on_worker, sweep.work, *plan("stay"), expected, pure=False)
         with pytest.raises(ConfigurationError, match=r"this machine 2\.7"):

@@ -4,7 +4,6 @@ A trial's records come back through the cluster, so that no disk is shared. Vers
 anything runs: same seed, same bits holds for the same versions.
 """
 
-import functools
 import logging
 import os
 import platform
@@ -13,7 +12,7 @@ import tempfile
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
 from pathlib import Path, PurePosixPath
 from typing import Any
 from urllib.parse import urlsplit
@@ -70,7 +69,7 @@ class Cluster(Executor):
         config, out = args
         _check_writable(out)
         ended: Future[Any] = Future()
-        remote = self._remote.submit(on_worker, fn, config, versions())
+        remote = self._remote.submit(on_worker, fn, config, configuration.versions(PACKAGES))
         remote.add_done_callback(lambda done: self._writer.submit(self._settle, ended, done, config, out))
         return ended
 
@@ -99,18 +98,6 @@ class Cluster(Executor):
             ended.set_result(reason)
 
 
-@functools.cache
-def versions() -> Mapping[str, str]:
-    """Return the versions on this machine of everything that the bits of a trial depend on."""
-    found = {"python": platform.python_version()}
-    for name in PACKAGES:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = "none"
-    return found
-
-
 def on_worker(
     function: Callable[..., str | None],
     config: TrialConfig,
@@ -121,7 +108,7 @@ def on_worker(
 
     worker = get_worker()
     # Again, for workers that have come since.
-    _check_worker(worker.address, versions(), worker.state.nthreads, expected)
+    _check_worker(worker.address, configuration.versions(PACKAGES), worker.state.nthreads, expected)
     os.environ["USBENCH_THREADS"] = "1"
     # The worker's own folder: Dask clears it away after a worker that was killed.
     with tempfile.TemporaryDirectory(dir=worker.local_directory, prefix="usbench-") as folder:
@@ -214,7 +201,7 @@ def _check_workers(client: Any, address: str) -> int:
     found |= {name: client.run(version, name, on_error="return") for name in PACKAGES}
     for worker, n_threads in threads.items():
         own = {name: str(answers.get(worker, "none")) for name, answers in found.items()}
-        _check_worker(worker, own, n_threads, versions())
+        _check_worker(worker, own, n_threads, configuration.versions(PACKAGES))
     return len(threads)
 
 

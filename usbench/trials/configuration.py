@@ -1,7 +1,10 @@
 """From what a user asks for to the full configuration of a trial, checked."""
 
 import math
+import platform
 from collections.abc import Mapping
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from usbench.agents import zoo
@@ -22,6 +25,18 @@ PACKAGES = (
     "numba",
     "opencv-python-headless",
 )
+
+
+@cache
+def versions(packages: tuple[str, ...] = PACKAGES) -> Mapping[str, str]:
+    """Return the versions of Python and of packages, "none" for one that is not installed."""
+    found = {"python": platform.python_version()}
+    for name in packages:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "none"
+    return found
 
 
 def resolve(

@@ -100,16 +100,7 @@ class Learning:
             self.agent = make_agent(setting, config.algo, vec_env, agent_seed, config.hyperparameters)
             # After the agent was made: SB3 hands its own seed to the environment there.
             vec_env.seed(env_seed)
-            # What must be the same for the bits to be the same.
-            self._made_by = {
-                "versions": dict(trial.versions),
-                "frames": asdict(trial.frames) if trial.frames else {},
-                **machine(),
-                "configuration": config.hash,
-                # Not of the training's bits, but of the records that go on.
-                "evaluation_points": list(trial.evaluation_points),
-                "code": checksums.of_source(type(self.agent)),
-            }
+            self._made_by = _made_by(trial, self.agent)
             # Only now: what was opened for a start that fails is closed.
             self._held = held.pop_all()
 
@@ -197,6 +188,19 @@ class Learning:
             self._resume_files = None
             return
         resume_files.write(self.agent.num_timesteps, content)
+
+
+def _made_by(trial: Trial, agent: Any) -> dict[str, Any]:
+    """Return what must be the same for the bits to be the same."""
+    return {
+        "versions": dict(trial.versions),
+        "frames": asdict(trial.frames) if trial.frames else {},
+        **machine(),
+        "configuration": trial.config.hash,
+        # Not of the training's bits, but of the records that go on.
+        "evaluation_points": list(trial.evaluation_points),
+        "code": checksums.of_source(type(agent)),
+    }
 
 
 def recorded(setting: Setting, n_envs: int, report: Report) -> tuple[Recorder | VectorRecorder, VecEnv]:

@@ -6,7 +6,6 @@ import logging
 import platform
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,7 @@ from usbench.records import Trial, TrialConfig, checksums
 from usbench.setting import Setting
 from usbench.trials import rehearsal
 from usbench.trials.callback import Progress, Silent
-from usbench.trials.configuration import PACKAGES
+from usbench.trials.configuration import versions
 from usbench.trials.evaluation import Evaluator, explores
 from usbench.trials.finished import find_finished
 from usbench.trials.glibc_memory import keep_freed
@@ -144,7 +143,7 @@ class _Run:
             anchors=self.setting.anchors(progress.frames),
             evaluation_points=evaluation_points,
             n_evaluation_episodes=len(self.episodes),
-            versions={"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
+            versions=dict(versions()),
             platform=platform.platform(),
             started=datetime.now(UTC).isoformat(timespec="seconds"),
             code=checksums.of_source(zoo.model_class(config.algo)),
