@@ -126,7 +126,7 @@ def test_lines_after_the_checkpoint_are_taken_away(undisturbed, killed):
 
 def test_checkpoint_of_other_circumstances_is_not_gone_on_from(killed, caplog, monkeypatch):
     monkeypatch.setattr(learning, "machine", lambda: {"processor": "abacus"})
-    monkeypatch.setattr(runner, "version", lambda _: "0.0.1")
+    monkeypatch.setattr(runner, "versions", lambda: {"python": "3.11", "usbench": "0.0.1"})
     monkeypatch.setattr(checksums, "of_source", lambda _: "edited")
     assert go_on(killed) == FIRST_TOLD
     assert "differs in versions and processor and code" in caplog.text
