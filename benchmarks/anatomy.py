@@ -48,7 +48,7 @@ def main() -> None:
     args = parser.parse_args()
     rows: dict[str, Anatomy] = {}
     for kind in ("recorded", "simulated"):
-        simulated = ("seed=", "density_per_mm3=", "dynamic_range_db=")
+        simulated = ("seed=", "density_per_mm3=", "dynamic_range_db=", "attenuation_db_per_cm_mhz=")
         words = [word for word in args.phantom if kind == "simulated" or not word.startswith(simulated)]
         found = custom_anatomy([*words, f"frames={kind}"], looking=True)
         assert found is not None

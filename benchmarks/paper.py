@@ -132,8 +132,8 @@ def noise(known: Results) -> Sentence:
         f"most noise (here {most:g}) than without on both tasks, and loses more on `pp`. Each of these three "
         "holds or does not only where its 95 % interval leaves out 0.",
         of_intervals((fp, pp, more)),
-        f"Of the rise without noise, {said[0]} % are lost on `fp` and {said[1]} % on `pp`: {said[2]} "
-        "percentage points more on `pp` (seeds resampled within each cell).\n\n"
+        f"Of the rise without noise, {said[0]} % are lost on `fp` and {said[1]} % on `pp`; the difference, "
+        f"`pp` less `fp`, is {said[2]} percentage points (seeds resampled within each cell).\n\n"
         + table(["task", *(f"rise at noise {p:g}" for p in rise.columns)], rows),
     )
 
@@ -322,7 +322,7 @@ def page(known: Results, tested: pd.DataFrame, ends: pd.DataFrame) -> str:
         FIGURES,
         *(sentence.markdown() for sentence in sentences),
         f"## “{OTHERS}”",
-        verdict.text(known, tested),
+        *verdict.sentences(known, tested),
     ]
     return "\n\n".join(parts) + "\n"
 

@@ -147,7 +147,7 @@ def markdown(
     doubted = set(unverified) & set(known.trials["trial"])
     reading = text.folded("How to read the numbers", f"{READING}\n{MEASURES}")
     first, *others = scores.parts(known)
-    parts = ["# Leaderboard", verdict.text(known, tested), *figures.get(first, ()), reading]
+    parts = ["# Leaderboard", *verdict.sentences(known, tested), *figures.get(first, ()), reading]
     pictures = {name: figures.get(name, ()) for name in others}
     for name, own in scores.parts(known).items():
         pairs = ranking.improvement(scores.learners(own))

@@ -45,6 +45,7 @@ def sections(
             f"## Probability of improvement{where}",
             folded("Each agent beside each", improvement(list(learners), pairs)),
         ]
+    if len(learners) > 1 and min(map(len, learners.values())) >= ranking.MIN_SEEDS:
         found += [
             f"## Stability of ranks{where}",
             folded("Ranks without single cells and seeds", stability(learners)),
@@ -151,8 +152,9 @@ def improvement(agents: list[str], pairs: pd.DataFrame) -> str:
     return (
         "How likely a trial of the row's agent has a higher score than one of the column's in a cell, ties "
         f"counting half; bold where the {100 * level:.4g} % interval{many} leaves out one half: there alone "
-        f"one agent lies above the other ({ranking.N_RESAMPLES} resamples). Agents with fewer than "
-        f"{ranking.MIN_SEEDS} seeds are not compared.{whole}\n\n" + table(["", *map(code, agents)], rows)
+        f"one agent lies above the other ({ranking.N_RESAMPLES} resamples). Of agents with fewer than "
+        f"{ranking.MIN_SEEDS} seeds nothing is bold, whatever the probability.{whole}\n\n"
+        + table(["", *map(code, agents)], rows)
     )
 
 

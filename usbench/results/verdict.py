@@ -1,6 +1,7 @@
 """The verdict of the results on the paper's question: do other methods do better than its policy gradient?
 
-One agent lies above another by one rule, `ranking.above`; no sentence says more than that rule does.
+One agent lies above another by one rule, `ranking.above`; no sentence on scores in the
+cells says more than that rule does.
 """
 
 from collections.abc import Callable, Collection, Sequence
@@ -58,7 +59,12 @@ class _Ranked:
 
 
 def text(known: Results, tested: pd.DataFrame | None = None) -> str:
-    """Return the first paragraph of a leaderboard: whose score is highest, and how others compare with `vpg`.
+    """Return `sentences` as one paragraph."""
+    return " ".join(sentences(known, tested))
+
+
+def sentences(known: Results, tested: pd.DataFrame | None = None) -> list[str]:
+    """Return what a leaderboard says first: whose score is highest, and how others compare with `vpg`.
 
     With fewer than `ranking.MIN_SEEDS` seeds, a shorter budget than a task's, or seeds that are not kept for
     comparisons, it only names scores.
@@ -72,10 +78,10 @@ def text(known: Results, tested: pd.DataFrame | None = None) -> str:
     finished = int((learning["status"] == "finished").sum())
     matrices = scores.learners(own)
     if not matrices:
-        return (
+        return [
             f"{capital(OPEN)}: no algorithm has finished trials in every cell. "
             f"{finished} of {len(learning)} trials are finished; `usbench compare`, run again, adds the rest."
-        )
+        ]
     enough = {agent: matrix for agent, matrix in matrices.items() if len(matrix) >= ranking.MIN_SEEDS}
     waiting = {agent: len(matrix) for agent, matrix in matrices.items() if agent not in enough}
     kept = enough or matrices
@@ -87,19 +93,19 @@ def text(known: Results, tested: pd.DataFrame | None = None) -> str:
     reasons = [*_short(learning, kept), *([] if enough else [_few(waiting)]), *_seen(learning, kept)]
     where = _where(cells)
     if reasons:
-        sentences = [_first_look(table, reasons, where)]
+        found = [_first_look(table, reasons, where)]
     else:
         pairs = ranking.improvement(kept)
         ranked = _Ranked(table, ranking.above(pairs), pairs)
-        sentences = [_highest(ranked, where), *_against_the_papers_own(ranked, _is_part(cells))]
+        found = [_highest(ranked, where), *_against_the_papers_own(ranked, _is_part(cells))]
         named_here = {str(table.index[0]), PAPERS_OWN, PAPERS_OWN_TUNED}
         fewer = [two for two in sorted(ranking.above_by_cells_alone(pairs)) if named_here & {*two}]
         if fewer:
-            sentences.append(f"with whole seeds drawn, it is not sure that {pairs_of(fewer)}.")
+            found.append(f"with whole seeds drawn, it is not sure that {pairs_of(fewer)}.")
     if enough and waiting:
-        sentences.append(f"With {_few(waiting)}, {names(list(waiting))} must wait.")
-    sentences[0] = f"{so_far}{sentences[0]}"
-    return " ".join(capital(sentence) for sentence in [*sentences, *_phantoms(own, tested)])
+        found.append(f"With {_few(waiting)}, {names(list(waiting))} must wait.")
+    found[0] = f"{so_far}{found[0]}"
+    return [capital(sentence) for sentence in [*found, *_phantoms(own, tested)]]
 
 
 def _short(learning: pd.DataFrame, agents: Collection[str]) -> list[str]:
