@@ -64,6 +64,12 @@ def kept(scans):
     return store.path
 
 
+@pytest.fixture
+def with_table(monkeypatch):
+    """Lines are summed with a table of responses however few the scatterers are, as those of frames are."""
+    monkeypatch.setattr("usbench.envs.rf.FEW_PAIRS", 0)
+
+
 @pytest.fixture(scope="session")
 def reference():
     """RF from two independent codes, see tests/reference/README.md."""

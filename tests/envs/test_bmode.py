@@ -191,7 +191,7 @@ def test_real_data_against_the_image_of_plus():
         time_zero=0.2e-3 / C,  # a pixel of PLUS begins where ours has its centre
         imaging=Imaging(60.0, *theirs.shape, 0.2e-3, median_size=1),
     )
-    assert np.corrcoef(ours.ravel(), theirs.ravel())[0, 1] >= 0.9
+    assert np.corrcoef(ours.ravel(), theirs.ravel())[0, 1] >= 0.95  # mirrored lines have 0.94
 
 
 # Bad input

@@ -118,9 +118,10 @@ def test_frames_of_a_strangers_tissue_are_not_kept_on_disk(scans):
     assert scans == 2 * POSES
 
 
-def test_the_simulator_is_in_the_key(monkeypatch):
+@pytest.mark.parametrize("part", ["SIMULATOR", "ANATOMY"])
+def test_the_sources_of_a_frame_are_in_the_key(monkeypatch, part):
     before = FrameStore(*SCENE).path
-    monkeypatch.setattr(frames, "SIMULATOR", "another")
+    monkeypatch.setattr(frames, part, "another")
     assert FrameStore(*SCENE).path != before
 
 
@@ -128,11 +129,13 @@ def test_every_source_and_library_of_a_frame_is_in_the_simulator(monkeypatch):
     found = sources.sources("scanner")
     assert {"scanner", "rf", "bmode", "phantom", "probe", "pose"} <= set(found)
     assert frames._simulator() == frames.SIMULATOR
+    of_anatomies = set(sources.sources("anatomy.simulated", "anatomy.recorded"))
+    assert {"anatomy.simulated", "anatomy.recorded", "anatomy.volume"} <= of_anatomies
     for name in found:
-        changed = found | {name: found[name] + b"\n"}
-        monkeypatch.setattr(sources, "sources", lambda *_, changed=changed: changed)
-        assert frames._simulator() != frames.SIMULATOR, name
-    monkeypatch.undo()
+        with monkeypatch.context() as patch:
+            changed = found | {name: found[name] + b"\n"}
+            patch.setattr(sources, "sources", lambda *_, changed=changed: changed)
+            assert frames._simulator() != frames.SIMULATOR, name
     for name in sources.LIBRARIES:
         monkeypatch.setattr(sources.metadata, "version", lambda asked, name=name: f"{asked == name}")
         assert frames._simulator() != frames.SIMULATOR

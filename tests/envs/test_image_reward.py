@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from quick_trials import DrawnFrames
 
 from usbench.envs.bmode import Imaging
 from usbench.envs.image_reward import TEXTBOOK, likeness, standard_view
@@ -38,13 +39,19 @@ def test_the_textbooks_phantom_is_in_no_episode():
 
 
 @pytest.fixture
+def drawn(monkeypatch):
+    """Frames that are drawn, in place of the simulator's: every pose has another likeness."""
+    monkeypatch.setattr("usbench.envs.guidance.frame_store", lambda *_: DrawnFrames())
+
+
+@pytest.fixture
 def view(monkeypatch):
     """A standard view that needs no simulation."""
     monkeypatch.setattr("usbench.envs.guidance.standard_view", lambda *_: blob())
     return blob()
 
 
-def test_the_reward_follows_from_the_frame_and_the_truth_stays_in_info(coded, view):
+def test_the_reward_follows_from_the_frame_and_the_truth_stays_in_info(drawn, view):
     env = ProbePlaneEnv(reward="image")
     env.reset(options={"x_mm": 10, "angle_deg": 30})
     observation, reward, _, _, info = env.step(0)
@@ -55,16 +62,16 @@ def test_the_reward_follows_from_the_frame_and_the_truth_stays_in_info(coded, vi
     assert "true_reward" not in env.step(0)[4]
 
 
-def test_it_is_that_of_the_pose_before_the_slip(coded, view):
+def test_it_is_that_of_the_pose_before_the_slip(drawn, view):
     slipping, steady = ProbePlaneEnv(reward="image", noise=1.0), ProbePlaneEnv(reward="image")
     rewards = []
     for env in (slipping, steady):
         env.reset(seed=1, options={"x_mm": 5, "angle_deg": 30})
         rewards.append(env.step(1)[1])
-    assert rewards[0] == rewards[1]
+    assert rewards[0] == rewards[1] > -1
 
 
-def test_a_stop_earns_it_for_every_step_left(coded, view):
+def test_a_stop_earns_it_for_every_step_left(drawn, view):
     env = ExaminationStopEnv(reward="image")
     env.reset(options={"x_mm": 10, "focal_depth_mm": 40, "angle_deg": 30})
     frame, once, _, _, first = env.step(0)
@@ -80,8 +87,7 @@ def test_the_optimum_is_not_known_for_it_and_other_kinds_are_refused():
         ProbePlaneEnv(reward="images")
 
 
-def test_the_optimum_is_known_where_the_environment_tells_the_rewards(coded, view, monkeypatch):
-    monkeypatch.setattr("coded.CodedFrames.prepare", lambda self, poses: None, raising=False)
+def test_the_optimum_is_known_where_the_environment_tells_the_rewards(drawn, view):
     env = ProbePlaneEnv(reward="image")
     best = policy("pp", rewards=env.state_rewards())
     env.reset(seed=3)

@@ -73,6 +73,8 @@ def test_amplitudes_are_normal_with_std_1_outside_and_10_inside(phantom):
     for amplitudes, std in ((phantom.amplitudes[inside], 10), (phantom.amplitudes[~inside], 1)):
         assert abs(amplitudes.mean()) < 4 * std / np.sqrt(amplitudes.size)
         assert amplitudes.std() == pytest.approx(std, rel=4 / np.sqrt(2 * amplitudes.size))
+        kurtosis = np.mean(amplitudes**4) / np.mean(amplitudes**2) ** 2
+        assert kurtosis == pytest.approx(3, abs=5 * np.sqrt(96 / amplitudes.size))
 
 
 def test_in_view_is_the_slab_under_the_probe(phantom):

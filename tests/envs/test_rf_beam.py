@@ -8,6 +8,8 @@ from echoes import SMALL, envelope, width
 
 from usbench.envs.probe import LinearArray
 
+pytestmark = pytest.mark.usefixtures("with_table")
+
 
 def test_beam_is_narrowest_at_its_focus():
     lines = np.arange(0, 41) * 0.1e-3

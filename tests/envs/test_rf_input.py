@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from echoes import ARRAY, SMALL
 
+from usbench.envs.field.slow_sum import slow_rf
 from usbench.envs.probe import LinearArray
 from usbench.envs.rf import simulate_rf
 
@@ -29,8 +30,16 @@ def test_refuses_scatterers_not_below_the_surface(depth):
 
 @pytest.mark.parametrize("depth", [1e-6, 0.1e-3, 0.6e-3])
 def test_scatterers_just_below_the_surface_are_harmless(depth):
-    rf, _ = simulate_rf([(0, 0, depth)], [1.0], LinearArray(**SMALL), 50e-3, [0.0])
-    assert np.isfinite(rf).all()
+    scene = [(0, 0, depth)], [1.0], LinearArray(**SMALL), 50e-3, [0.0]
+    rf, time = simulate_rf(*scene)
+    assert np.linalg.norm(rf) == pytest.approx(np.linalg.norm(slow_rf(*scene, time=time)[0]), rel=0.01)
+
+
+@pytest.mark.parametrize("depth", [1e-6, 0.1e-3, 0.6e-3])
+def test_a_table_is_harmless_there_though_it_holds_from_a_millimetre_on(depth, with_table):
+    scene = [(0, 0, depth)], [1.0], LinearArray(**SMALL), 50e-3, [0.0]
+    rf, time = simulate_rf(*scene)
+    assert np.linalg.norm(rf) == pytest.approx(np.linalg.norm(slow_rf(*scene, time=time)[0]), rel=0.3)
 
 
 def test_refuses_a_focal_depth_in_mm():

@@ -8,6 +8,8 @@ from usbench.envs.field.slow_sum import slow_rf
 from usbench.envs.probe import LinearArray
 from usbench.envs.rf import simulate_rf
 
+pytestmark = pytest.mark.usefixtures("with_table")
+
 LINES = np.array([-4.1e-3, 6.33e-3])
 
 

@@ -22,7 +22,7 @@ def _digest():
     return hashlib.sha256(iq.tobytes()).hexdigest()
 
 
-def test_same_bits_for_any_number_of_threads(monkeypatch):
+def test_same_bits_for_any_number_of_threads(monkeypatch, with_table):
     digests = set()
     for n in ("1", "2", "3"):
         monkeypatch.setenv("USBENCH_THREADS", n)
@@ -48,10 +48,10 @@ def test_refuses_a_number_of_threads(monkeypatch, text):
 
 @pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
 @pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="no fork on this platform")
-def test_a_forked_child_computes_the_same():
+def test_a_forked_child_computes_the_same(with_table):
     here = _digest()
     with multiprocessing.get_context("fork").Pool(1) as pool:
-        assert pool.apply_async(_digest).get(timeout=60) == here
+        assert pool.apply_async(_digest).get(timeout=600) == here
 
 
 def test_threads_stay_and_what_they_call_uses_one(monkeypatch):
@@ -59,7 +59,7 @@ def test_threads_stay_and_what_they_call_uses_one(monkeypatch):
     all_busy = threading.Barrier(3)
 
     def work(_):
-        all_busy.wait(timeout=60)  # or one thread may do the work of all
+        all_busy.wait(timeout=600)  # or one thread may do the work of all
         return threading.current_thread(), threads.n_threads()
 
     first, second = ([*zip(*threads.in_parallel(work, range(3)), strict=True)] for _ in range(2))

@@ -8,7 +8,7 @@ from usbench.envs.probe import LinearArray
 from usbench.envs.rf import simulate_iq
 
 ARRAY = LinearArray()
-SMALL = {"n_elements": 96, "n_active": 24}  # its tables are made in a fraction of a second
+SMALL = {"n_elements": 96, "n_active": 24}  # its tables are smaller
 
 # A few scatterers for the tests that compare every sample.
 CLOUD = np.random.default_rng(6).uniform([-0.012, -0.0025, 0.015], [0.012, 0.0025, 0.07], (14, 3))

@@ -1,7 +1,8 @@
 """Ceilings against brute force, against the oracle, and what limits them against real frames."""
 
 import itertools
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -161,6 +162,39 @@ def test_poses_whose_frames_lie_near_each_other_share_a_group():
     means = np.array([[0.0, 0.0], [0.5, 0.0], [5.0, 0.0], [5.2, 0.0], [0.1, 0.0]])
     trusted = np.array([True, True, True, True, False])
     assert eyes._groups(means, trusted, 1.0).tolist() == [0, 0, 1, 1, 2]
+
+
+@dataclass
+class DrawnStore:
+    """Stands in for a phantom's frames: blocks of each relation of probe and object, and noise."""
+
+    known: hypotheses.Hypotheses
+    column: int
+    pattern_of: Callable[[int], int]
+    noise: np.random.Generator
+
+    def frame(self, pose):
+        relation = int(self.known.seen[self.known.task.states.index(pose), self.column])
+        blocks = np.random.default_rng(self.pattern_of(relation)).integers(60, 180, (18, 8))
+        return (np.kron(blocks, np.ones((5, 5))) + self.noise.normal(0, 20, (90, 40))).astype(np.uint8)
+
+
+@pytest.mark.parametrize("n_patterns", [1, 2, None])
+def test_real_eyes_tell_apart_the_relations_whose_frames_differ(small, n_patterns):
+    noise, columns = np.random.default_rng(0), [0, 1] * 4
+    phantoms = [
+        Phantom(object_of_interest=ObjectOfInterest(place.x_mm, 50, place.angle_deg))
+        for place in (small.targets[column] for column in columns)
+    ]
+    stores = [
+        DrawnStore(small, column, lambda relation: relation % n_patterns if n_patterns else relation, noise)
+        for column in columns
+    ]
+    # So small a probability that the noise in the mean of four frames tells nothing apart.
+    seen = eyes.seen_by_real_eyes(small, phantoms, stores, error=1e-9).seen
+    expected = small.seen % n_patterns if n_patterns else small.seen
+    pairs = {(int(a), int(b)) for a, b in zip(seen.ravel(), expected.ravel(), strict=True)}
+    assert len(pairs) == len(np.unique(seen)) == len(np.unique(expected)) >= (n_patterns or 3)
 
 
 def test_features_are_those_around_the_object_whatever_gain_and_depth():

@@ -1,6 +1,6 @@
 """Every field of `LinearArray` moves the physics as theory says: one test per field.
 
-Small apertures, whose tables are made in a fraction of a second. Ratios everywhere, as echoes are far smaller
+Small apertures, and so few pairs that they are summed directly. Ratios everywhere, as echoes are far smaller
 than the absolute tolerance of `approx`.
 """
 

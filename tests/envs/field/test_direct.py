@@ -34,6 +34,19 @@ def test_against_the_slow_sum_beyond_the_last_full_aperture(focal_depth, attenua
     assert np.linalg.norm(fast) == pytest.approx(np.linalg.norm(slow), rel=0.01)
 
 
+def test_many_points_add_up():
+    # More than are summed at a time.
+    rng = np.random.default_rng(1)
+    points = rng.uniform([-0.01, -3e-3, 0.01], [0.01, 3e-3, 0.05], (200, 3))
+    amplitudes = np.repeat([1.0, -2.0], 100)
+    scene = L7, 30e-3, L7.line_positions[[40, 64]]
+    whole, halves = (
+        sum(simulate_iq(points[part], amplitudes[part], *scene, 0.06)[0] for part in parts)
+        for parts in ([slice(None)], [slice(100), slice(100, None)])
+    )
+    assert np.abs(whole - halves).max() <= 1e-5 * np.abs(whole).max()
+
+
 @pytest.mark.parametrize("n_active", [1, 3, 7])
 def test_against_the_slow_sum_with_few_active_elements(n_active):
     array = LinearArray(n_elements=24, n_active=n_active)

@@ -8,6 +8,8 @@ from usbench.envs.probe import LinearArray
 
 ARRAY = LinearArray()
 F0 = np.array([ARRAY.center_frequency])
+# Np / (m Hz); the second, 30 dB/(cm MHz), so strong that the longer ways of a few mm count.
+ATTENUATIONS = [0.0, 3.5e-4]
 
 
 def test_far_away_it_is_the_directivity_of_a_rectangle():
@@ -21,12 +23,15 @@ def test_far_away_it_is_the_directivity_of_a_rectangle():
         assert extra[0] == pytest.approx(np.hypot(rho, y) - rho, abs=1e-6)
 
 
-def test_near_by_it_is_the_integral_over_the_height():
+@pytest.mark.parametrize("attenuation", ATTENUATIONS)
+def test_near_by_it_is_the_integral_over_the_height(attenuation):
     y, rho = 1.5e-3, 20e-3
     s = np.linspace(-2.5e-3, 2.5e-3, 20001)
     r = np.hypot(rho, y - s)
-    expected = np.mean(rho / r * np.exp(-2j * np.pi * F0[0] * (r - rho) / 1540))
-    factor, extra = elevation_factor(ARRAY, y, np.array([rho]), F0)
+    expected = np.mean(
+        rho / r * np.exp(-2j * np.pi * F0[0] * (r - rho) / 1540 - attenuation * F0[0] * (r - rho))
+    )
+    factor, extra = elevation_factor(ARRAY, y, np.array([rho]), F0, attenuation)
     ours = factor[0, 0] * np.exp(-2j * np.pi * F0[0] * extra[0] / 1540)
     assert abs(ours - expected) < 0.02
 
@@ -48,15 +53,16 @@ def test_in_the_plane_the_filter_does_nothing():
 
 
 @pytest.mark.parametrize("y, rho", [(1e-3, 30e-3), (2.5e-3, 50e-3), (5e-3, 85e-3), (5e-3, 30e-3)])
-def test_filter_has_the_spectrum_of_the_factor(y, rho):
-    taps = elevation_taps(ARRAY, 5e-3, 90e-3)
+@pytest.mark.parametrize("attenuation", ATTENUATIONS)
+def test_filter_has_the_spectrum_of_the_factor(y, rho, attenuation):
+    taps = elevation_taps(ARRAY, 5e-3, 90e-3, attenuation)
     f = ARRAY.center_frequency + np.linspace(-0.8e6, 0.8e6, 9)
     row, column = round(y / taps.y_step), round(rho / taps.distance_step)
     weights, offsets = filter_of(taps, row, column)
     middle, rate = ARRAY.iq_center_frequency, ARRAY.iq_sampling_frequency
     delayed = np.exp(-2j * np.pi * np.outer(f - middle, offsets / rate)) @ weights
     ours = delayed * np.exp(-2j * np.pi * f * taps.path[row, column] / 1540)
-    both = [elevation_factor(ARRAY, position, np.array([rho]), f) for position in (y, 0.0)]
+    both = [elevation_factor(ARRAY, position, np.array([rho]), f, attenuation) for position in (y, 0.0)]
     whole = [factor[0] * np.exp(-2j * np.pi * f * extra[0] / 1540) for factor, extra in both]
     expected = (whole[0] / whole[1]) ** 2
     assert np.abs(ours - expected).max() < 0.1 * np.abs(expected).max() + 0.001

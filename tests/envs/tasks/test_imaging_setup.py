@@ -120,6 +120,9 @@ def test_the_reward_is_the_quality_of_the_frame_that_the_action_gives(grey):
     assert info["contrast_to_noise"] == reward and info["is_success"] == (reward >= GOOD)
     assert (terminated, truncated, info["distance_mm"]) == (False, False, 0.0)
     assert env.step(2)[1] > reward  # towards 60 mm
+    env.reset(options={"focal_depth_mm": 80, "frequency_khz": 5_000, "dynamic_range_db": 90})
+    _, reward, _, _, info = env.step(0)
+    assert reward < GOOD and not info["is_success"]
 
 
 def test_a_slip_turns_one_knob_by_one_step(grey):
