@@ -150,7 +150,7 @@ def test_keys_alone_are_enough_and_quick(page):
     expect(page.locator("#controls")).to_contain_text("down")
     page.get_by_role("button", name="left").focus()
     page.keyboard.press("Space")
-    expect(page.get_by_role("status")).to_contain_text("Left")
+    expect(page.locator("#status")).to_contain_text("Left")
     page.keyboard.press("Tab")
     page.keyboard.press("ArrowDown")
     expect(page.locator("#z")).to_have_text("15 mm")

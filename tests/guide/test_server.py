@@ -415,7 +415,9 @@ def test_ctrl_c_ends_the_command_within_a_second_and_without_a_traceback(tmp_pat
         _, errors = process.communicate(timeout=60)
     took = time.monotonic() - began
     assert process.returncode == 130
-    assert errors.splitlines()[-1] == "usbench: interrupted, what was recorded is kept."
+    assert errors.splitlines()[-1] == (
+        "usbench: interrupted, what was recorded is kept: trainings and studies go on from there."
+    )
     assert "Traceback" not in errors
     # Where more wants to run than there are cores, everything takes as much longer.
     assert took < max(1, os.getloadavg()[0] / os.cpu_count())

@@ -307,7 +307,7 @@ def test_training_that_fails_says_why(session, monkeypatch):
     fail = "import sys; sys.exit('usbench: error: no space is left.')"
     monkeypatch.setattr(guide_training, "USBENCH", [sys.executable, "-c", fail])
     training = wait_for_training(session)
-    assert (training["status"], training["reason"]) == ("failed", "usbench: error: no space is left.")
+    assert (training["status"], training["reason"]) == ("failed", "no space is left.")
     assert session.agent == ORACLE
 
 

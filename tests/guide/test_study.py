@@ -130,7 +130,9 @@ def test_what_would_spoil_a_study_is_refused(tmp_path, monkeypatch):
             spoil()
     state = session.state()
     assert state["hidden"] and state["balls"] == [] and state["step"] == 1
-    with pytest.raises(ConfigurationError, match=r"has begun with another task \(pp, not fp\): choose"):
+    with pytest.raises(
+        ConfigurationError, match=r"has begun with another task \(pp, not fp\): give the same options"
+    ):
         Session(tmp_path, study="anna", task="fp")
     with monkeypatch.context() as patch, pytest.raises(ConfigurationError, match="no such optimum"):
         patch.setattr(agents, "open_oracle", unopened)

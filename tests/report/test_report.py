@@ -137,7 +137,7 @@ def test_without_weights_there_is_a_sentence_instead_of_a_map(runs, without_figu
     (trial,) = records.trial_folders(runs)
     (trial / records.MODEL).unlink()
     text = made(runs, tmp_path)
-    assert f"No map of its actions: {trial.name} has no weights (model.zip)." in text
+    assert f"No map of its actions: {trial.name} has no weights." in text
     assert "Replay, moving." in text and "return that it costs" not in text
 
 

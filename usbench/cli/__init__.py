@@ -97,7 +97,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             sys.stdout.flush()
     except KeyboardInterrupt:
         how = getattr(args, "interrupted", "")
-        print(f"usbench: interrupted, what was recorded is kept{how and ': '}{how or '.'}", file=sys.stderr)
+        kept = f", what was recorded is kept: {how}" if how else "."
+        print(f"usbench: interrupted{kept}", file=sys.stderr)
         if getattr(args, "ends_at_once", False):
             # Python would wait for the threads, which may simulate for seconds.
             sys.stderr.flush()

@@ -25,8 +25,8 @@ EXAMPLES = """examples:
   usbench guide --study anna --task pp
   usbench guide --probe probe.toml --imaging imaging.toml
 
-Nobody but this machine can reach the page. From elsewhere:
-ssh -L 8000:127.0.0.1:8000 HOST
+Nobody but this machine can reach the page. To see it from elsewhere, start it with
+--port 8000 --no-browser, and there: ssh -L 8000:127.0.0.1:8000 HOST
 """
 
 
@@ -46,7 +46,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         nargs="?",
         metavar="TRIAL",
         help="folder of a trial, or an agent that comes with the package: best:TASK, vpg:fp, vpg:pp "
-        "(default: the best of both)",
+        "(default: the best one for the task, of --runs and of the package)",
     )
     guide.add_argument(
         "--task",
@@ -64,9 +64,12 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="play a study: the same episodes with and without advice, recorded in --runs",
     )
-    guide.add_argument("--port", type=number, default=0, metavar="N", help="(default: a free one)")
+    guide.add_argument(
+        "--port", type=number, default=0, metavar="N", help="port of the page (default: a free one)"
+    )
     guide.add_argument("--no-browser", action="store_true", help="print the address, open nothing")
-    guide.set_defaults(call=_call, ends_at_once=True)
+    kept = "trainings and studies go on from there."
+    guide.set_defaults(call=_call, ends_at_once=True, interrupted=kept)
 
 
 def _call(args: argparse.Namespace) -> None:

@@ -7,6 +7,7 @@ other sites in one's browser. As in Jupyter, a random token in the address keeps
 import json
 import secrets
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from starlette.requests import Request
@@ -72,6 +73,17 @@ async def body(request: Request) -> dict[str, Any]:
     if not isinstance(read, dict):
         raise Refused(400, "the body must be a JSON object.")
     return read
+
+
+def private_folder() -> TemporaryDirectory[str]:
+    """Return a folder for `redirection` that goes at the end.
+
+    It lies in the home folder and is not hidden: a browser in a sandbox, as Ubuntu's, reads nothing else.
+    """
+    try:
+        return TemporaryDirectory(prefix="usbench-guide-", dir=Path.home())
+    except (OSError, RuntimeError):  # there is none, or it cannot be written
+        return TemporaryDirectory(prefix="usbench-guide-")
 
 
 def redirection(folder: Path, url: str) -> str:

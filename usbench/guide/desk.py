@@ -26,10 +26,6 @@ ANSWERING = 0.015
 ELSEWHERE = "This examination went on in another tab: the page shows now where it is."
 
 
-class Stale(Exception):
-    """A button was pressed on a page that is out of date."""
-
-
 class Desk:
     """One session and the thread that works on it; nothing else touches the session.
 
@@ -61,7 +57,8 @@ class Desk:
 
     def state(self) -> dict[str, Any]:
         """Return what the page shows: the session after its last work, and what is being done now."""
-        return {**self._shown, "busy": self.busy}
+        busy = self.busy  # read first: what is shown may only be newer than it says
+        return {**self._shown, "busy": busy}
 
     def do(self, work: Work) -> Future[None]:
         """Let `work` be done on the session, after what was asked for before; the result holds its error."""
@@ -112,7 +109,7 @@ class Desk:
 
     def _show(self, session: Session, error: Exception | None = None) -> None:
         """Show the session; why its last work failed takes the place of its message."""
-        told = {} if error is None or isinstance(error, Stale) else {"message": str(error)}
+        told = {} if error is None else {"message": str(error)}
         self._shown = session.state() | told | {"elsewhere": ELSEWHERE}
 
 

@@ -14,11 +14,10 @@ import sys
 import webbrowser
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from usbench.checks import ConfigurationError, install, whole_number
-from usbench.guide.desk import ELSEWHERE, Desk, Stale, Tell, Work
+from usbench.guide.desk import ELSEWHERE, Desk, Tell, Work
 
 try:
     import uvicorn
@@ -30,7 +29,7 @@ try:
     from starlette.routing import Mount, Route
     from starlette.staticfiles import StaticFiles
 
-    from usbench.guide.access import Refused, body, check_sender, new_token, redirection
+    from usbench.guide.access import Refused, body, check_sender, new_token, private_folder, redirection
 except ImportError:
     raise ConfigurationError(f"a guide needs Starlette and uvicorn: {install('guide')}.") from None
 
@@ -100,17 +99,13 @@ class _Answers:
                 raise Refused(
                     400, f"the body must be an object with the keys {list(keys)}, not {list(values)}."
                 )
-            if self._desk.busy:
-                told = f"The guide is busy: {self._desk.busy}."
-                return _answer({"error": told, "state": self._desk.state()}, 409)
-
-            def work(session: Session) -> None:
-                # On a page that is out of date, nobody has seen what the button would act on.
-                if place != session.place:
-                    raise Stale
-                getattr(session, name)(**values)
-
-            return await self._done(work)
+            state = self._desk.state()
+            if state["busy"]:
+                return _answer({"error": f"The guide is busy: {state['busy']}.", "state": state}, 409)
+            # On a page that is out of date, nobody has seen what the button would act on.
+            if place != state["place"]:
+                return _answer({"error": ELSEWHERE, "state": state}, 409)
+            return await self._done(lambda session: getattr(session, name)(**values))
 
         return Route(f"/{name}", pressed, methods=["POST"])
 
@@ -121,8 +116,6 @@ class _Answers:
         job.add_done_callback(lambda ended: ended.cancelled() or ended.exception())
         await asyncio.wait([job], timeout=PATIENCE)
         error = job.exception() if job.done() else None
-        if isinstance(error, Stale):
-            return _answer({"error": ELSEWHERE, "state": self._desk.state()}, 409)
         if isinstance(error, ValueError | TypeError | OverflowError):
             raise Refused(400, str(error)) from error
         if error is not None:
@@ -169,7 +162,7 @@ def serve(make: Callable[[Tell], Session], listener: socket.socket, *, browser: 
     print(f"The guide is at {url} (Ctrl-C ends it).", flush=True)
     # Without a screen, Python would start a browser in this terminal.
     on_screen = sys.platform != "linux" or bool({"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys())
-    with TemporaryDirectory(prefix="usbench-guide-") as folder:
+    with private_folder() as folder:
         desk.start(make, failed=lambda: setattr(running, "should_exit", True))
         if browser and on_screen:
             webbrowser.open(redirection(Path(folder), url))

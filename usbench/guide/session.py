@@ -71,6 +71,7 @@ class Session:
         self._seeds = np.random.default_rng(None if seed is None else _seed(seed))
         self.training, self.n_begun = QuickTraining(runs), 0
         self.agent, self.message, self.notice, self.hidden = ORACLE, "", "", False
+        self._trials: dict[str, Known] = {}
         self._find()
         if self._given is None:
             self._choose_best(None if study is None else agent_of(runs, study))
@@ -152,7 +153,12 @@ class Session:
         if before != "running" or now.status != "finished" or now.folder is None:
             return
         self._find()
-        if now.folder.name not in self._trials or now.task != self.setting.task:
+        if now.folder.name not in self._trials:
+            return
+        if now.task != self.setting.task:
+            self.notice = (
+                f"Trained: there is an agent of the task {suite.TASKS[now.task].guidance.title} now."
+            )
             return
         if self.agent == ORACLE:
             self.choose(agent=now.folder.name)
@@ -282,13 +288,18 @@ class Session:
         known = guide_agents.find(self._runs)
         self._others = [one for one in known if one.setting.differences(self.setting)]
         fitting = [one for one in known if one.task in self.tasks and one not in self._others]
-        given = [] if self._given is None else [self._given]
-        self._trials: dict[str, Known] = {trial.name: trial for trial in (*fitting, *given)}
+        # The agent that advises stays, also if its folder is gone or cannot be read at this moment.
+        kept = [one for one in (self._given, self._trials.get(self.agent)) if one is not None]
+        self._trials = {trial.name: trial for trial in (*fitting, *kept)}
 
     def _choose_best(self, recorded: str | None = None) -> None:
         """Let the best agent of the task advise, or that which a study has recorded, or else the optimum."""
         before = self._trials.get(self.agent)
-        best = self._trials.get(recorded or "") or guide_agents.best(self._trials.values(), self.setting)
+        chosen = self._trials.get(recorded or "")
+        # A study of another task says so itself.
+        if chosen is not None and chosen.task != self.setting.task:
+            chosen = None
+        best = chosen or guide_agents.best(self._trials.values(), self.setting)
         if recorded == ORACLE:
             best = None
         self.agent = ORACLE if best is None else best.name

@@ -17,7 +17,7 @@ from filelock import Timeout
 from usbench.atomic import atomic_file
 from usbench.checks import check_plain_name
 from usbench.guide.examination import Examination, Opened
-from usbench.records import EVALUATIONS, ConfigurationError, Evaluation
+from usbench.records import EVALUATIONS, ConfigurationError, Evaluation, unwritable
 from usbench.records.journal import Journal, cut_torn_line, read_rows
 from usbench.results.studies import ADVISED, AGENT, HUMAN, OPTIMUM, STUDY, folder_of
 from usbench.setting import Setting
@@ -77,8 +77,11 @@ class Study:
         self.folder, self.plays = folder_of(runs, name), plan(name, setting)
         record = {"study": name, "task": setting.task, "noise": setting.noise, "agent": agent}
         record["plays"] = len(self.plays)
-        self._begin({**record, "anchors": asdict(setting.anchors()), "environment": setting.record()})
-        self._lock = lock_of(self.folder)
+        try:
+            self._begin({**record, "anchors": asdict(setting.anchors()), "environment": setting.record()})
+            self._lock = lock_of(self.folder)
+        except OSError as error:
+            raise unwritable(self.folder, error) from error
         try:
             self._lock.acquire()
         except Timeout:
@@ -172,7 +175,7 @@ class Study:
         if differing := [name for name in now if before.get(name) != now[name]]:
             raise ConfigurationError(
                 f"the study {self.name!r} has begun with another {_said(differing[0], before, now)}: "
-                "choose another name."
+                "give the same options as before, or choose another name."
             )
 
 

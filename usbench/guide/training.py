@@ -91,7 +91,11 @@ class QuickTraining:
             now = replace(now, status="finished")
         elif ended:
             lines = self._process.communicate()[1].strip().splitlines()
-            now = replace(now, status="failed", reason=lines[-1] if lines else "it ended without a message.")
+            now = replace(
+                now,
+                status="failed",
+                reason=lines[-1].removeprefix("usbench: error: ") if lines else "it ended without a message.",
+            )
         self.progress = now
 
     def close(self) -> None:

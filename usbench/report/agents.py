@@ -120,9 +120,9 @@ def card(runs: Path, one: Shown, poses: Poses | None) -> Card:
         return found
     if poses is None or silence(setting):
         return replace(found, silence=silence(setting))
-    missing = [trial for trial in one.trials if not (runs / trial / records.MODEL).is_file()]
+    missing = [trial for trial in one.trials if not records.model_in(runs / trial).is_file()]
     if missing:
-        return replace(found, silence=f"{missing[0]} has no weights ({records.MODEL}).")
+        return replace(found, silence=f"{missing[0]} has no weights.")
     from usbench.report import actions  # opens agents, which takes torch
 
     try:

@@ -12,7 +12,7 @@ from usbench.envs.pose import Pose
 MEANINGS = {
     "probability": "probability of the action",
     "value": "discounted return that the agent expects",
-    "loss": "what the agent expects to lose against the best action",
+    "loss": "expected return minus that of the best action",
     "choice": "the agent's choice",
 }
 

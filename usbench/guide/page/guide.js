@@ -6,9 +6,10 @@ const byId = (id) => document.getElementById(id);
 // What the numbers beside the actions are.
 const CONFIDENCE = {
   probability: "Probability of each action",
-  value: "Expected return of each action",
-  loss: "Expected loss of return by each action",
+  value: "Discounted return that the agent expects of each action",
+  loss: "Expected return of each action, minus that of the best",
   choice: "The agent tells its choice alone",
+  exact: "Expected return of each action, to the end",
 };
 const PICTURES = {
   above: byId("above"), side: byId("side"), view: byId("frame-view"), canvas: byId("frame"), axes: byId("frame-axes"),
@@ -21,9 +22,8 @@ function send(path, body, since) {
   const before = nStale;
   waiting += 1;
   pending = pending.then(() => before === nStale && finished(path, body && { ...body, place: shown?.place })).then((state) => {
-    waiting -= 1;
     if (state || shown) render(state || shown, state ? since : undefined);
-  });
+  }).catch((error) => say(`The page cannot show this (${error.message}): reload it.`)).finally(() => { waiting -= 1; });
   return pending;
 }
 
@@ -73,6 +73,7 @@ async function request(path, body) {
 new PerformanceObserver((shownTexts) => {
   for (const { identifier: since, renderTime } of shownTexts.getEntries()) {
     byId("latency").textContent = `${Math.round(renderTime - since)} ms`;
+    byId("footer").hidden = false;
   }
 }).observe({ type: "element" });
 
@@ -103,6 +104,7 @@ const follow = (since) => { if (shown.advice && !shown.study) send("follow", {},
 function play() {
   if (!shown || shown.study) return;
   if (playing !== null) return pause();
+  if (!shown.advice && !shown.over) return;
   playing = setInterval(() => {
     if (waiting) return;
     if (shown.over || !shown.advice) pause();
@@ -117,7 +119,6 @@ function pause() {
   showPlaying();
 }
 function showPlaying() {
-  byId("play").setAttribute("aria-pressed", String(playing !== null));
   byId("play").querySelector("span").textContent = playing === null ? "Play" : "Pause";
 }
 
@@ -197,11 +198,10 @@ function renderFrame({ frame, shape: [height, width], frame_mm: [depthMm, widthM
 function renderAdvice(state) {
   const { advice, controls, over, exact, label, study } = state;
   byId("adviser").textContent = exact ? "of the exact optimum, which knows the pose" : `of ${label}`;
-  byId("adviser").classList.toggle("exact", exact);
   // At the end all keeps its place, so that no button moves away under a finger.
   byId("advice").hidden = !advice && !over;
   byId("silence").textContent = advice || over ? "" : state.study ? "No advice in this episode." : "No advice: choose an agent that fits the task.";
-  byId("confidence-title").textContent = !advice ? "\u00a0" : CONFIDENCE[advice.kind] + (exact ? ", to the end" : "");
+  byId("confidence-title").textContent = !advice ? "\u00a0" : CONFIDENCE[exact ? "exact" : advice.kind];
   const words = advice?.words ?? "the episode is over";
   byId("advice").querySelector("use").setAttribute("href", advice ? `#icon-${advice.icon}` : "");
   byId("advice").querySelector("strong").textContent = words[0].toUpperCase() + words.slice(1);
@@ -217,8 +217,9 @@ function renderAdvice(state) {
     button.classList.toggle("advised", advice?.action === action);
     button.setAttribute("aria-disabled", String(over));
   });
-  byId("follow").disabled = !advice || study !== "";
-  byId("play").disabled = (!advice && !over) || study !== "";
+  // A button that is disabled would lose the focus, and the space bar would move the probe.
+  byId("follow").setAttribute("aria-disabled", String(!advice || study !== ""));
+  byId("play").setAttribute("aria-disabled", String((!advice && !over) || study !== ""));
   byId("begin").disabled = study !== "" && (!over || state.ended);
 }
 
@@ -239,6 +240,7 @@ function renderEpisode(state, since) {
   byId("status").textContent = `${state.happened}${goal}${next}`;
   byId("percent").textContent = minus(state.percent);
   byId("verdict").textContent = minus(state.verdict);
+  byId("status").append(element("span", { class: "unseen" }, minus(` ${state.percent} ${state.verdict}`)));
   byId("outcome").classList.toggle("success", state.at_goal === true);
   byId("legend-body").hidden = !state.balls.length && !state.target;
   byId("legend-body").textContent = state.target ? "image plane of the target" : "body of the object";
@@ -253,7 +255,7 @@ function renderTraining(training, untrained) {
   byId("training-bar").hidden = !running;
   byId("training-bar").value = training.step / training.steps;
   byId("training-words").textContent = running
-    ? `Training: step ${training.step} of ${training.steps}. Meanwhile ${shown.label} advises.`
+    ? `Training on ${shown.tasks[training.task]}: step ${training.step} of ${training.steps}. Meanwhile ${shown.label} advises.`
     : failed ? `Training failed: ${training.reason}` : untrained || "Or train one of your own: dqn, some minutes in the background.";
   if (running) poll ??= setTimeout(() => { poll = undefined; send("update", {}); }, POLL_MS);
 }
@@ -282,7 +284,10 @@ document.querySelector(".moves").addEventListener("mousedown", (event) => event.
 byId("follow").addEventListener("click", (event) => follow(event.timeStamp));
 byId("play").addEventListener("click", play);
 byId("begin").addEventListener("click", begin);
-byId("train").addEventListener("click", () => send("train", {}));
+byId("train").addEventListener("click", () => {
+  byId("training-words").focus(); // the button will be gone
+  send("train", {});
+});
 byId("task").addEventListener("change", (event) => change({ task: event.target.value }, "The other task"));
 byId("noise").addEventListener("change", (event) => change({ noise: Number(event.target.value) }, "Another noise"));
 byId("agent").addEventListener("change", (event) => send("choose", { agent: event.target.value }));

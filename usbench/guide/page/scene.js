@@ -111,7 +111,6 @@ function placeFrame(view, canvas, { wide, high, allWide, allHigh }) {
   const lengths = { "--wide": allWide, "--high": allHigh, "--left": MARGIN.left / allWide, "--top": MARGIN.top / allHigh,
     "--frame-wide": wide / allWide, "--frame-high": high / allHigh };
   for (const [name, value] of Object.entries(lengths)) view.style.setProperty(name, value);
-  document.querySelector("main").classList.toggle("broad", wide > 0.75 * high);
   const size = [Math.round(6 * wide), Math.round(6 * high)];
   if (canvas.width !== size[0] || canvas.height !== size[1]) [canvas.width, canvas.height] = size;
 }
