@@ -20,7 +20,7 @@ import numpy.typing as npt
 from usbench.envs.bmode import Imaging
 from usbench.envs.cache import frame_files
 from usbench.envs.cache.folder import mark_used
-from usbench.envs.cache.sources import code_hash, hash_of, sources
+from usbench.envs.cache.sources import code_hash, hash_of, is_own, sources
 from usbench.envs.pose import Pose
 from usbench.envs.probe import LinearArray
 from usbench.envs.scanner import scan, scan_batch
@@ -61,8 +61,8 @@ class FrameStore:
         self._frames: dict[Pose, Frame] = {}
         self._loaded = False
         key = hash_of((*self.scene, SIMULATOR, ANATOMY))
-        # The code of a stranger's tissue is in no hash: its frames are not kept on disk.
-        self._is_kept = type(phantom).__module__.startswith("usbench.envs.")
+        # The code of a stranger's class is in no hash: its frames are not kept on disk.
+        self._is_kept = is_own((phantom, array, imaging))
         self.path = frame_files.FRAMES.path(key)
 
     def frame(self, pose: Pose) -> Frame:
@@ -78,7 +78,7 @@ class FrameStore:
         return pose in self._frames
 
     def prepare(self, poses: Iterable[Pose], progress: Progress | None = None) -> None:
-        """Simulate what is missing of `poses` and keep it on disk; `progress(done, total)` after each."""
+        """Simulate what is missing of `poses` and keep it on disk; `progress(done, total)` of each."""
         self._load()
         missing = [pose for pose in dict.fromkeys(poses) if pose not in self._frames]
         done = 0
@@ -136,8 +136,9 @@ class FrameStore:
             return
         with contextlib.suppress(Exception):  # `_load` has told of a damaged file
             self._read()  # what other processes have added meanwhile
-        poses = np.array([as_row(pose) for pose in self._frames], dtype=np.int32)
-        frames = np.stack(list(self._frames.values()))
+        known = dict(self._frames)  # to which other threads may add
+        poses = np.array([as_row(pose) for pose in known], dtype=np.int32)
+        frames = np.stack(list(known.values()))
         scene = " ".join(map(in_words, self.scene))
         try:
             frame_files.write(self.path, frame_files.Contents(scene, SIMULATOR, poses, frames))

@@ -18,6 +18,9 @@ from usbench.envs.guidance import GuidanceEnv
 from usbench.envs.pose import Move, Pose
 from usbench.envs.task import REWARDS, Task, check_reward
 
+# The states after actions (n_states, n_actions), and those after displacements (n_states, n_displacements).
+_Transitions = tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]
+
 PAPER_TARGET = Pose(0, 50, 0)
 
 
@@ -218,8 +221,9 @@ def _policy(process: DecisionProcess) -> Policy:
     task = process.task
     costs = np.zeros((task.n_steps, len(task.states), len(task.actions)))
     values = np.zeros((task.n_steps + 1, len(task.states)))
+    moves = _transitions(task)
     for step in reversed(range(task.n_steps)):
-        q = _action_values(process, values[step + 1], task.n_steps - step)
+        q = _action_values(process, moves, values[step + 1], task.n_steps - step)
         values[step] = q.max(axis=1)
         best = values[step][:, np.newaxis]
         # Rounding must not decide between equally good actions, or the bits differ between machines.
@@ -232,17 +236,17 @@ def _policy(process: DecisionProcess) -> Policy:
 
 def _values(process: DecisionProcess, weights: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """Return the expected return from every state, (n_states,), where action a has probability weights[a]."""
-    values = np.zeros(len(process.task.states))
+    values, moves = np.zeros(len(process.task.states)), _transitions(process.task)
     for steps_left in range(1, process.task.n_steps + 1):
-        values = _action_values(process, values, steps_left) @ weights
+        values = _action_values(process, moves, values, steps_left) @ weights
     return values
 
 
 def _action_values(
-    process: DecisionProcess, values: npt.NDArray[np.float64], steps_left: int
+    process: DecisionProcess, moves: _Transitions, values: npt.NDArray[np.float64], steps_left: int
 ) -> npt.NDArray[np.float64]:
     """Return reward plus expected value after the noise, (n_states, n_actions), from `values` one step on."""
-    following, displaced = _transitions(process.task)
+    following, displaced = moves
     rewards, noise = process.state_rewards, process.noise
     expected = (1 - noise) * values + noise * values[displaced].mean(axis=1)
     q = np.asarray(rewards + expected, dtype=np.float64)[following]
@@ -266,7 +270,7 @@ def _rewards_from_frames(task: Task) -> npt.NDArray[np.float64]:
 
 
 @lru_cache(maxsize=16)
-def _transitions(task: Task) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+def _transitions(task: Task) -> _Transitions:
     """Return the states after actions (n_states, n_actions), displacements (n_states, n_displacements)."""
 
     def after(moves: list[Move]) -> npt.NDArray[np.intp]:

@@ -107,7 +107,13 @@ def simulate_iq(
     Returns:
         iq (n_samples, n_lines) complex64 and time (n_samples,) s at `array.iq_sampling_frequency`;
         rf = Re(iq exp(2 pi j f (t - pulse_delay))) with f = `array.iq_center_frequency`.
+
+    Raises:
+        TypeError: If an argument has the wrong type.
+        ValueError: If a value is not allowed.
     """
+    if max_depth is not None:
+        _check_depth("max_depth", max_depth)
     points, weights, lines = _checked(positions, amplitudes, array, focal_depth, line_positions)
     attenuation = _nepers_per_m_hz(attenuation_db_per_cm_mhz)
     rate, c = array.iq_sampling_frequency, array.speed_of_sound
@@ -173,7 +179,7 @@ def _checked(
     for name, values in (("positions", points), ("amplitudes", weights), ("line_positions", lines)):
         if not np.isfinite(values).all():
             raise ValueError(f"{name} must be finite, without NaN.")
-    _check_focal_depth(focal_depth)
+    _check_depth("focal_depth", focal_depth)
     if len(points) and points[:, 2].min() <= 0:
         raise ValueError(
             f"scatterers must lie below the surface (z > 0), not at z = {points[:, 2].min():g} m."
@@ -185,14 +191,14 @@ def _checked(
     return points, weights, lines
 
 
-def _check_focal_depth(focal_depth: float) -> None:
-    """Raise TypeError if the focal depth is no number, and ValueError if it is not one from 0 to 0.5 m."""
+def _check_depth(name: str, depth: float) -> None:
+    """Raise TypeError if a depth is no number, and ValueError if it is not one from 0 to 0.5 m."""
     try:
-        number("focal_depth", focal_depth, low=0.0, high=_MAX_DISTANCE, above=True)
+        number(name, depth, low=0.0, high=_MAX_DISTANCE, above=True)
     except ValueError:
-        hint = meant(focal_depth, 1e-3, _MAX_DISTANCE, METRES)
+        hint = meant(depth, 1e-3, _MAX_DISTANCE, METRES)
         allowed = f"in (0, {_MAX_DISTANCE}] m"
-        raise ValueError(f"focal_depth must be {allowed}, not {focal_depth!r}{hint or '.'}") from None
+        raise ValueError(f"{name} must be {allowed}, not {depth!r}{hint or '.'}") from None
 
 
 def _sum(

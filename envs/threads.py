@@ -33,9 +33,9 @@ def divided(n: int) -> list[slice]:
 
 
 def in_parallel(work: Callable[[_Item], _Result], items: Iterable[_Item]) -> list[_Result]:
-    """Return `work(item)` of every item, in their order; `work` itself then uses one thread."""
-    n = n_threads()
-    if n == 1:
+    """Return `work(item)` of every item, in their order; of several, each uses one thread."""
+    n, items = n_threads(), list(items)
+    if n == 1 or len(items) == 1:  # an item alone may use all threads
         return [work(item) for item in items]
     return list(_pool(n).map(work, items))
 

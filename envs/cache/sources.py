@@ -6,10 +6,14 @@ import ast
 import hashlib
 import os
 import platform
+from dataclasses import fields, is_dataclass
+from functools import lru_cache
 from importlib import metadata
 from pathlib import Path
 
 import llvmlite.binding
+
+import usbench
 
 LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "opencv-python-headless")
 
@@ -32,7 +36,10 @@ def hash_of(value: object) -> str:
 
 
 def sources(*first: str) -> dict[str, bytes]:
-    """Return the source by name of the modules `first` below usbench.envs, and of what they import there."""
+    """Return the source by name of the modules `first` below usbench.envs, and of what they import of ours.
+
+    Modules below usbench.envs have their names there ("scanner"), others their whole names ("usbench.words").
+    """
     found: dict[str, bytes] = {}
     waiting = list(first)
     while waiting:
@@ -40,21 +47,46 @@ def sources(*first: str) -> dict[str, bytes]:
         if name in found:
             continue
         found[name] = _file(name).read_bytes()
-        for node in ast.walk(ast.parse(found[name])):
-            modules = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-            if isinstance(node, ast.ImportFrom):
-                modules = [f"{node.module}.{alias.name}" for alias in node.names]
-            waiting += [own for module in modules if (own := _own_module(module))]
+        waiting += [own for module in _imported(found[name]) if (own := _own_module(module))]
     return found
 
 
+def is_own(value: object) -> bool:
+    """Return whether the classes of `value` and of all that it holds are of this package.
+
+    The code of others, also of classes derived from ours, is in no hash: what depends on it is not kept.
+    """
+    module = type(value).__module__
+    if isinstance(value, tuple | list):
+        return all(map(is_own, value))
+    if module in ("builtins", "numpy"):
+        return True
+    held = [getattr(value, field.name) for field in fields(value)] if is_dataclass(value) else []
+    return module.startswith("usbench.") and all(map(is_own, held))
+
+
+@lru_cache(maxsize=256)
+def _imported(source: bytes) -> tuple[str, ...]:
+    """Return the names of all that a source imports, of modules or of what is in them."""
+    found: list[str] = []
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            found += [alias.name for alias in node.names]
+        if isinstance(node, ast.ImportFrom):
+            found += [f"{node.module}.{alias.name}" for alias in node.names]
+    return tuple(found)
+
+
 def _own_module(imported: str) -> str:
-    """Return the module below usbench.envs that an import names, or takes a name from; "" if none."""
-    name = imported.removeprefix("usbench.envs.")
-    if name == imported:
+    """Return the module of usbench that an import names, or takes a name from; "" if none."""
+    if not imported.startswith("usbench."):
         return ""
-    return name if _file(name).exists() else name.rpartition(".")[0]
+    name = imported.removeprefix("usbench.envs.")
+    names = (name, name.rpartition(".")[0])
+    return next((one for one in names if one and _file(one).exists()), "")
 
 
 def _file(name: str) -> Path:
-    return Path(__file__).parents[1].joinpath(*name.split(".")).with_suffix(".py")
+    own = name.removeprefix("usbench.")
+    top = Path(__file__).parents[1] if own == name else Path(usbench.__file__).parent
+    return top.joinpath(*own.split(".")).with_suffix(".py")

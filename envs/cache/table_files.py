@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from usbench.atomic import atomic_file
 from usbench.envs.cache.folder import Kind, cache_folder, mark_used
-from usbench.envs.cache.sources import code_hash, hash_of
+from usbench.envs.cache.sources import code_hash, hash_of, is_own
 
 MAX_BYTES = 1_000_000_000
 TABLES = Kind("table", ".npy")
@@ -62,14 +62,17 @@ class Entry:
     contents: Contents | None
 
 
-def on_disk(table: Callable[..., _Table], scene: str, make: Callable[[], _Table]) -> _Table:
+def on_disk(array: object, table: Callable[..., _Table], scene: str, make: Callable[[], _Table]) -> _Table:
     """Return the table that was made of the same `scene` before and is on disk, or make it and keep it.
 
     Args:
+        array: The transducer; of a class that is not of this package no table is kept.
         table: A dataclass of arrays and plain numbers.
         scene: What the table is and what it follows from, all of it, in words.
         make: Makes it.
     """
+    if not is_own(array):
+        return make()
     path = TABLES.path(hash_of((scene, CODE)))
     names = [field.name for field in fields(table)]  # type: ignore[arg-type]
     try:

@@ -108,7 +108,7 @@ def elevation_taps(
         f"elevation, offsets to {y_max!r} m, distances to {distance_max!r} m, attenuation {attenuation!r} "
         f"Np/(m Hz), {in_words(array)}"
     )
-    return on_disk(ElevationTaps, scene, lambda: _fitted(array, y_max, distance_max, attenuation))
+    return on_disk(array, ElevationTaps, scene, lambda: _fitted(array, y_max, distance_max, attenuation))
 
 
 def _fitted(array: LinearArray, y_max: float, distance_max: float, attenuation: float) -> ElevationTaps:

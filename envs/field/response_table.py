@@ -112,7 +112,7 @@ def _tabulated(
         f"responses, focal depth {focal_depth!r} m, lateral offsets to {u_max!r} m, depths to {z_max!r} m, "
         f"attenuation {attenuation!r} Np/(m Hz), {in_words(array)}"
     )
-    return on_disk(ResponseTable, scene, lambda: _made(array, focal_depth, u_max, z_max, attenuation))
+    return on_disk(array, ResponseTable, scene, lambda: _made(array, focal_depth, u_max, z_max, attenuation))
 
 
 def _made(
@@ -124,7 +124,8 @@ def _made(
     # Between elements the path changes by at most twice the pitch: so many wavelengths, so many lobes.
     highest = max(1, round(2 * array.pitch / array.wavelength))
     oversampling = max(2 * highest + 1, int(np.ceil(4.4 * array.pitch / array.wavelength)))
-    step = float(np.clip(focal_depth / 150, 0.1e-3, 0.2e-3))  # like the beam's width at the focus
+    # Like the beam's width at the focus, which of waves shorter than 0.15 mm is less.
+    step = float(np.clip(focal_depth / 150, 0.1e-3, 0.2e-3)) * min(1.0, array.wavelength / 0.15e-3)
     stride = max(1, round(step * oversampling / array.pitch))
     lobes = tuple(range(-highest, highest + 1))
     beam = aperture(

@@ -1,4 +1,4 @@
-"""Exact symmetries of a task: other observations and actions that mean the same (SPEC, section 9).
+"""Exact symmetries of a task: other observations and actions that mean the same.
 
 Tissue is drawn evenly on both sides of every axis, and the object is symmetric about its plane and its axis,
 as the beam is in elevation. So three changes of the scene leave an episode what it was, but for speckle:

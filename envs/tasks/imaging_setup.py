@@ -8,7 +8,6 @@ gain compensation; everything else is the same in both.
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import lru_cache
 from typing import Any, NoReturn
 
 import numpy as np
@@ -38,7 +37,6 @@ IMAGING = Imaging(noise_db=40.0, tgc_db_per_cm=2 * 0.5 * 3.0)
 GOOD = 2.0
 
 
-@lru_cache(maxsize=64)
 def regions(phantom: Phantom, pose: Pose, imaging: Imaging) -> tuple[Mask, Mask]:
     """Return which pixels (height_px, width_px) lie in the object, and which beside it at the same depths."""
     lateral_mm, depth_mm = (
@@ -163,6 +161,7 @@ class ImagingSetupEnv(GuidanceEnv):
             ValueError: If a value is not allowed, or the probe cannot be set to a frequency of the task.
         """
         super().__init__(**kwargs)
+        self._masks: dict[tuple[int, int], tuple[Mask, Mask]] = {}
         for frequency_khz in self.task.limits.frequency_khz:
             try:
                 tuned(Setup(frequency_khz=frequency_khz), self.probe, self.imaging)
@@ -175,7 +174,10 @@ class ImagingSetupEnv(GuidanceEnv):
         return contrast_to_noise(self._frame(pose), *self._regions(pose))
 
     def _regions(self, pose: Pose) -> tuple[Mask, Mask]:
-        return regions(self.phantom, pose, self.imaging)
+        place = pose.x_mm, pose.angle_deg
+        if place not in self._masks:
+            self._masks[place] = regions(self.phantom, pose, self.imaging)
+        return self._masks[place]
 
     def _reward(self, pose: Pose) -> float:
         return self._quality(pose)

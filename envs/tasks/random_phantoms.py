@@ -70,7 +70,9 @@ class PhantomDistribution:
         for name in ("scale", "contrast"):
             object.__setattr__(self, name, _span(name, getattr(self, name)))
         if self.count is not None:
-            object.__setattr__(self, "count", whole_number("n_phantoms", self.count, 1, FIRST_HELD_OUT))
+            object.__setattr__(
+                self, "count", whole_number("the number of phantoms", self.count, 1, FIRST_HELD_OUT)
+            )
         # Where the largest objects at the ends lie inside, all do.
         ends = [(min(values), max(values)) for values in (self.x_mm, self.depth_mm)]
         for x_mm, depth_mm, angle_deg in product(*ends, self.angle_deg):

@@ -2,7 +2,9 @@
 
 import ast
 import dataclasses
+import itertools
 import sys
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -111,11 +113,48 @@ class Strange(Phantom):
     """Tissue of a stranger, whose code may change without notice."""
 
 
-def test_frames_of_a_strangers_tissue_are_not_kept_on_disk(scans):
-    FrameStore(Strange(), *SCENE[1:]).prepare(POSES)
-    assert scans == POSES
-    FrameStore(Strange(), *SCENE[1:]).prepare(POSES)
-    assert scans == 2 * POSES
+@dataclasses.dataclass(frozen=True)
+class StrangeObject(ObjectOfInterest):
+    """An object of a stranger, in a phantom of ours."""
+
+
+@dataclasses.dataclass(frozen=True)
+class StrangeArray(LinearArray):
+    """A transducer of a stranger."""
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        (Strange(), *SCENE[1:]),
+        (Phantom(object_of_interest=StrangeObject()), *SCENE[1:]),
+        (SCENE[0], StrangeArray(), SCENE[2]),
+    ],
+    ids=["tissue", "object", "array"],
+)
+def test_frames_of_a_strangers_classes_are_not_kept_on_disk(scans, scene):
+    for n_times in (1, 2):
+        FrameStore(*scene).prepare(POSES)
+        assert scans == n_times * POSES
+
+
+def test_frames_are_kept_while_another_thread_asks_for_more(scans, monkeypatch):
+    store = FrameStore(*SCENE)
+    stop = threading.Event()
+
+    def ask():
+        for angle_deg, x_mm in itertools.product(range(91, 360), range(-20, 21)):
+            store.frame(Pose(x_mm, 50, angle_deg))
+            if stop.is_set():
+                return
+
+    thread = threading.Thread(target=ask, daemon=True)
+    thread.start()
+    for angle_deg in range(0, 90, 15):
+        store.prepare([Pose(0, 50, angle_deg)])
+    stop.set()
+    thread.join()
+    assert store.path.exists()
 
 
 @pytest.mark.parametrize("part", ["SIMULATOR", "ANATOMY"])
@@ -128,6 +167,8 @@ def test_the_sources_of_a_frame_are_in_the_key(monkeypatch, part):
 def test_every_source_and_library_of_a_frame_is_in_the_simulator(monkeypatch):
     found = sources.sources("scanner")
     assert {"scanner", "rf", "bmode", "phantom", "probe", "pose"} <= set(found)
+    # The noise's seed is made of these words, and the poses in a file lie in this order.
+    assert {"usbench.words", "usbench.coordinates"} <= set(found)
     assert frames._simulator() == frames.SIMULATOR
     of_anatomies = set(sources.sources("anatomy.simulated", "anatomy.recorded"))
     assert {"anatomy.simulated", "anatomy.recorded", "anatomy.volume"} <= of_anatomies
@@ -164,8 +205,8 @@ def test_every_library_that_a_source_imports_has_its_version_in_the_key():
             modules = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             modules += [node.module] if isinstance(node, ast.ImportFrom) else []
             tops = {module.split(".")[0] for module in modules} - set(sys.stdlib_module_names)
-            # platformdirs decides where files lie, and nothing of what is in them.
-            assert tops <= known | {"usbench", "platformdirs"}, name
+            # platformdirs decides where files lie, the others what is told: nothing of what is in them.
+            assert tops <= known | {"usbench", "platformdirs", "pydantic", "rich"}, name
 
 
 def test_sources_that_change_under_a_running_process_keep_nothing(monkeypatch):

@@ -9,7 +9,7 @@ from echoes import ARRAY, SMALL
 
 from usbench.envs.field.slow_sum import slow_rf
 from usbench.envs.probe import LinearArray
-from usbench.envs.rf import simulate_rf
+from usbench.envs.rf import simulate_iq, simulate_rf
 
 
 def test_nothing_there_is_silence():
@@ -51,6 +51,12 @@ def test_refuses_a_focal_depth_in_mm():
 def test_refuses_focal_depths(focal_depth):
     with pytest.raises(ValueError, match=rf"^focal_depth must be in \(0, 0.5\] m, not {focal_depth}\.$"):
         simulate_rf([(0, 0, 50e-3)], [1.0], ARRAY, focal_depth)
+
+
+@pytest.mark.parametrize("max_depth", [0, -0.1, math.nan, 90])
+def test_refuses_where_lines_cannot_end(max_depth):
+    with pytest.raises(ValueError, match=rf"^max_depth must be in \(0, 0.5\] m, not {max_depth}"):
+        simulate_iq([(0, 0, 50e-3)], [1.0], ARRAY, 50e-3, max_depth=max_depth)
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])

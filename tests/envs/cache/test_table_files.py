@@ -48,7 +48,7 @@ def ramp(made, scene=SCENE):
         made.append(scene)
         return Ramp(np.arange(7, dtype=np.float32), 0.25, np.zeros((2, 0, 3), np.int64))
 
-    return on_disk(Ramp, scene, make)
+    return on_disk(LinearArray(), Ramp, scene, make)
 
 
 @pytest.fixture

@@ -131,7 +131,7 @@ def test_ideal_eyes_have_the_objects_and_the_beams_symmetries(dx, object_deg, pr
 
 
 def test_real_frames_have_the_symmetries_but_for_speckle():
-    """SPEC, section 9; a frame of other speckle is as much alike from a symmetric pose as from the same."""
+    """A frame of other speckle is as much alike from a symmetric pose as from the same."""
 
     def frame(seed, dx, a_o, a_p):
         phantom = Phantom(seed=seed, object_of_interest=ObjectOfInterest(dx, 50, a_o))

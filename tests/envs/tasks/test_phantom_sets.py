@@ -108,9 +108,9 @@ def test_frames_of_a_set_are_simulated_once(monkeypatch):
 @pytest.mark.parametrize(
     ("task", "n_phantoms", "words"),
     [
-        ("pp-random", 0, r"n_phantoms must be a whole number in \[1, 2147483648\], not 0"),
-        ("pp-random", 2**31 + 1, r"n_phantoms must be a whole number in .*, not 2147483649"),
-        ("pp-random", "all", "n_phantoms must be a whole number in .*, not 'all'"),
+        ("pp-random", 0, r"the number of phantoms must be a whole number in \[1, 2147483648\], not 0"),
+        ("pp-random", 2**31 + 1, r"the number of phantoms must be a whole number in .*, not 2147483649"),
+        ("pp-random", "all", "the number of phantoms must be a whole number in .*, not 'all'"),
         ("pp", 20, "n_phantoms is for tasks that draw phantoms .*'pp-random'.*, not for 'pp'"),
     ],
 )
