@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import reprlib
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -12,7 +13,7 @@ import numpy.typing as npt
 from scipy import sparse
 
 from usbench.checks import METRES, meant, non_negative, number, positive, quantity, whole_number
-from usbench.envs.probe import LinearArray, bounded
+from usbench.envs.probe import LinearArray, bounded, check_array
 from usbench.envs.receiver import gain
 
 # The widest dynamic range, more than any receiver has: far beyond it, envelopes have no such numbers.
@@ -125,7 +126,7 @@ def bmode(
     ):
         raise ValueError(
             f"line_positions must be {envelopes.shape[1]} increasing, equally spaced positions, "
-            f"not {lines!r}."
+            f"not {reprlib.repr(lines.tolist())}."
         )
     if (farthest := float(np.abs(lines).max(initial=0.0))) > MOST_SIZE:
         hint = meant(farthest, 1e-3, MOST_SIZE, METRES)
@@ -173,7 +174,18 @@ def simulated_bmode(
 
     Returns:
         (height_px, width_px) uint8, as `bmode`.
+
+    Raises:
+        TypeError: If the array is none.
+        ValueError: If a value is not allowed, or the signals have another number of lines.
     """
+    check_array(array)
+    n_lines = np.shape(signals)[1] if np.ndim(signals) == 2 else 0
+    if line_positions is None and n_lines != array.n_lines:
+        raise ValueError(
+            f"signals must be (n_samples, {array.n_lines}), a column for each line of the array, not "
+            f"{np.shape(signals)}."
+        )
     is_iq = np.iscomplexobj(signals)
     return bmode(
         signals,

@@ -80,7 +80,12 @@ class DecisionProcess:
             return np.array(self.rewards)
         if self.task.reward_from_frames:
             return _rewards_from_frames(self.task)
-        return _rewards_from_poses(self.task, self.reward, self.target)
+        found = _rewards_from_poses(self.task, self.reward, self.target)
+        if not np.isfinite(found).all():
+            raise ValueError(
+                f"the rewards of the task {self.task.name!r} must be finite, which some are not."
+            )
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -275,7 +280,7 @@ def _transitions(task: Task) -> _Transitions:
 
     def after(moves: list[Move]) -> npt.NDArray[np.intp]:
         return np.array(
-            [[task.indices[pose.moved(move, task.limits)] for move in moves] for pose in task.states]
+            [[task.place(pose.moved(move, task.limits)) for move in moves] for pose in task.states]
         )
 
     return after([action.move for action in task.actions]), after(list(task.displacements))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import reprlib
 from dataclasses import dataclass, fields
 from functools import cached_property
 
@@ -273,3 +274,10 @@ def _times(duration: float, sampling_frequency: float) -> npt.NDArray[np.float64
 
 
 DEFAULT_ARRAY = LinearArray()
+
+
+def check_array(array: object) -> None:
+    """Raise TypeError if `array` is no `LinearArray`."""
+    if not isinstance(array, LinearArray):
+        hint = f": usbench.read_probe({array!r}) reads one" if isinstance(array, str) else ""
+        raise TypeError(f"array must be of type LinearArray, not {reprlib.repr(array)}{hint}.")

@@ -25,7 +25,7 @@ from usbench.envs.field.direct import add_echoes
 from usbench.envs.field.elevation import ElevationTaps, elevation_taps
 from usbench.envs.field.response_table import BLOCK, ResponseTable, response_table
 from usbench.envs.field.summation import N_FIR, N_PHASES, accumulate, delay_filters, merge
-from usbench.envs.probe import LinearArray
+from usbench.envs.probe import LinearArray, check_array
 from usbench.envs.threads import divided, in_parallel
 from usbench.waiting import announce
 
@@ -167,6 +167,7 @@ def _checked(
     line_positions: npt.ArrayLike | None,
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """Return points (n, 3), amplitudes (n,) and lines (n_lines,), or raise TypeError or ValueError."""
+    check_array(array)
     points, weights = real("positions", positions), real("amplitudes", amplitudes)
     lines = real("line_positions", array.line_positions if line_positions is None else line_positions)
     points = points.reshape(0, 3) if points.size == 0 else points

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Sequence
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy.typing as npt
 
 from usbench.envs.bmode import DEFAULT_IMAGING, Imaging, simulated_bmode
 from usbench.envs.pose import Pose
-from usbench.envs.probe import DEFAULT_ARRAY, LinearArray
+from usbench.envs.probe import DEFAULT_ARRAY, LinearArray, check_array
 from usbench.envs.receiver.noise import noise
 from usbench.envs.rf import simulate_iq
 from usbench.envs.settings import table_of, tuned
@@ -44,7 +45,11 @@ def acquire(
     """Return the I/Q from which `scan` makes the frame, (n_samples, n_lines), with noise if imaging has any.
 
     Time and rate are those of `simulate_iq`.
+
+    Raises:
+        TypeError: If an argument has the wrong type.
     """
+    _check(phantom, pose, array, imaging)
     pose, array, imaging = tuned(pose, array, imaging)
     positions, amplitudes = phantom.in_view(pose, *view(array, imaging))
     iq, _ = simulate_iq(
@@ -59,6 +64,17 @@ def acquire(
         return iq
     tissue = phantom.shown if isinstance(phantom, Tissue) else phantom
     return iq + noise((iq.shape[0], iq.shape[1]), imaging.noise_db, array, tissue, pose)
+
+
+def _check(phantom: object, pose: object, array: object, imaging: object) -> None:
+    check_array(array)
+    for name, value, of_type in (("pose", pose, Pose), ("imaging", imaging, Imaging)):
+        if not isinstance(value, of_type):
+            raise TypeError(f"{name} must be of type {of_type.__name__}, not {reprlib.repr(value)}.")
+    if not callable(getattr(phantom, "in_view", None)):
+        raise TypeError(
+            f"phantom must be of type Phantom, Anatomy or PointScatterers, not {reprlib.repr(phantom)}."
+        )
 
 
 def scan_batch(

@@ -59,6 +59,18 @@ class Task:
     rewards: tuple[str, ...] = (*REWARDS, IMAGE)
     reward_from_frames: bool = False
 
+    def __post_init__(self) -> None:
+        """Check that there are actions, states and starts, and that every start is a state.
+
+        Raises:
+            ValueError: If that is not so.
+        """
+        for name in ("actions", "states", "starts"):
+            if not getattr(self, name):
+                raise ValueError(f"the task {self.name!r} must have {name}.")
+        for start in self.starts:
+            self.place(start)
+
     @property
     def coordinates(self) -> tuple[str, ...]:
         """Names of a pose's coordinates, in their order."""

@@ -81,6 +81,33 @@ def test_rows_with_counts_that_cannot_be_are_refused(count):
         tasks.Row(env_id="other/Upright-v0", entry_point="other_tasks:UprightEnv", **count)
 
 
+@pytest.mark.parametrize(
+    ("point", "said"),
+    [
+        ("nowhere:Env", "ModuleNotFoundError: No module named 'nowhere'"),
+        ("usbench.envs.pose:Pose", "AttributeError"),
+        ("usbench", "ValueError"),
+    ],
+)
+def test_an_environment_that_cannot_be_used_is_named(point, said):
+    row = replace(tasks.row_of("pp"), env_id="other/Broken-v0", entry_point=point)
+    with pytest.raises(records.ConfigurationError) as refused:
+        suite.guidance_of("broken", row)
+    assert str(refused.value).startswith(
+        f"the environment '{point}' of the task 'broken' cannot be used ({said}"
+    )
+    assert "\n" not in str(refused.value)
+
+
+def test_an_environment_whose_task_is_none_is_refused(installed):
+    installed(module=MODULE.replace('replace(PROBE_PLANE, name="upright", ', "dict("))
+    row = tasks.Row(env_id="other/None-v0", entry_point="other_tasks:UprightEnv")
+    with pytest.raises(
+        records.ConfigurationError, match="must have a `usbench.envs.task.Task` as its `task`, not"
+    ):
+        suite.guidance_of("none", row)
+
+
 def test_a_row_that_does_not_fit_its_environment_is_refused():
     row = tasks.row_of("pp")
     with pytest.raises(records.ConfigurationError, match="must have the 16 steps of its environment, not"):

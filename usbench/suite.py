@@ -1,5 +1,6 @@
 """The tasks of the benchmark, and what follows from their rows: environments, episodes, evaluation points."""
 
+import reprlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from types import MappingProxyType
@@ -15,6 +16,7 @@ from usbench.envs.task import Task as GuidanceTask
 from usbench.envs.tasks.random_phantoms import FIRST_HELD_OUT
 from usbench.registration import register_row
 from usbench.tasks import PAPER, Row, rows
+from usbench.words import in_one_line
 
 # Evaluation seeds have 64 bits and training seeds 32 (SB3's `seed`): the two never meet.
 EVALUATION_ENTROPY = 20_190_000
@@ -68,8 +70,19 @@ def guidance_of(name: str, row: Row) -> GuidanceTask:
         ConfigurationError: If they do not fit each other, as may be in another package.
     """
     register_row(row)
-    environment: Any = load_env_creator(row.entry_point)
-    task: GuidanceTask = environment.task
+    try:
+        environment: Any = load_env_creator(row.entry_point)
+        task = environment.task
+    except Exception as error:  # of a stranger's module, which may raise anything
+        raise ConfigurationError(
+            f"the environment {row.entry_point!r} of the task {name!r} cannot be used "
+            f"({in_one_line(error, with_type=True)}): mend its package, or uninstall it."
+        ) from error
+    if not isinstance(task, GuidanceTask):
+        raise ConfigurationError(
+            f"the environment of the task {name!r} must have a `usbench.envs.task.Task` as its `task`, not "
+            f"{reprlib.repr(task)}."
+        )
     if row.n_steps != task.n_steps:
         raise ConfigurationError(
             f"the row of the task {name!r} must have the {task.n_steps} steps of its environment, not "

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from usbench.envs.bmode import MOST_MEDIAN, Imaging, bmode, envelope, log_compress
+from usbench.envs.bmode import MOST_MEDIAN, Imaging, bmode, envelope, log_compress, simulated_bmode
 from usbench.envs.probe import LinearArray
 from usbench.envs.rf import simulate_rf
 
@@ -219,6 +219,12 @@ def test_refuses_signals_that_are_not_finite(value):
 def test_refuses_lines(lines):
     with pytest.raises(ValueError, match="line_positions must be 64 increasing, equally spaced positions"):
         bmode(np.ones((100, 64)), FS, lines)
+
+
+def test_refuses_another_number_of_lines_than_the_arrays():
+    said = r"signals must be \(n_samples, 64\), a column for each line of the array, not \(100, 5\)"
+    with pytest.raises(ValueError, match=said):
+        simulated_bmode(np.ones((100, 5)), LinearArray())
 
 
 def test_refuses_a_single_line_at_nan():

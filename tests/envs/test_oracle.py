@@ -1,6 +1,7 @@
 """The dynamic programme: the anchors, a brute force, and what its policy earns in the environment."""
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
@@ -142,6 +143,33 @@ def test_bad_arguments_are_refused(arguments, error, message):
     for function in (returns, policy):
         with pytest.raises(error, match=message):
             function(*arguments)
+
+
+@pytest.mark.parametrize("part", ["actions", "states", "starts"])
+def test_a_task_without_a_part_is_refused(part):
+    with pytest.raises(ValueError, match=f"the task 'pp' must have {part}"):
+        dataclasses.replace(PROBE_PLANE, **{part: ()})
+
+
+def test_a_task_whose_starts_or_moves_leave_its_states_is_refused():
+    with pytest.raises(ValueError, match="must be one that task 'pp' can reach, not"):
+        dataclasses.replace(PROBE_PLANE, starts=(Pose(0, 35, 0),))
+    few = dataclasses.replace(PROBE_PLANE, states=PROBE_PLANE.starts)
+    with pytest.raises(ValueError, match="must be one that task 'pp' can reach, not"):
+        policy(few)
+
+
+def test_rewards_that_are_not_finite_are_refused():
+    broken = dataclasses.replace(PROBE_PLANE, reward=lambda pose, target, kind: math.nan)
+    with pytest.raises(ValueError, match="the rewards of the task 'pp' must be finite"):
+        policy(broken)
+
+
+def test_a_task_whose_rewards_are_from_frames_is_refused_where_no_environment_is_known():
+    with pytest.raises(
+        ValueError, match="the task 'mine' has its rewards from frames: pass them as `rewards`"
+    ):
+        policy(dataclasses.replace(PROBE_PLANE, name="mine", reward_from_frames=True))
 
 
 def test_a_step_or_pose_outside_the_episode_is_refused():

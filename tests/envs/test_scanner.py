@@ -9,6 +9,7 @@ from usbench.envs.bmode import Imaging
 from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Pose
 from usbench.envs.probe import LinearArray
+from usbench.envs.rf import simulate_iq, simulate_rf
 from usbench.envs.scanner import scan, scan_batch, view
 
 PHANTOM = Phantom()
@@ -164,3 +165,27 @@ def test_a_batch_has_the_bits_of_the_frames_one_by_one(monkeypatch):
 
 def test_an_empty_batch_has_no_frames():
     assert scan_batch([]).shape == (0, 90, 40)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ((3, Pose()), "phantom must be of type Phantom, Anatomy or PointScatterers, not 3"),
+        ((Phantom(), 3), "pose must be of type Pose, not 3"),
+        (
+            (Phantom(), Pose(), "l7-4"),
+            r"array must be of type LinearArray, not 'l7-4': usbench.read_probe\('l7-4'\)",
+        ),
+        ((Phantom(), Pose(), 3), "array must be of type LinearArray, not 3"),
+        ((Phantom(), Pose(), LinearArray(), {}), "imaging must be of type Imaging, not {}"),
+    ],
+)
+def test_refuses_what_is_of_another_type(arguments, said):
+    with pytest.raises(TypeError, match=said):
+        scan(*arguments)
+
+
+@pytest.mark.parametrize("call", [simulate_rf, simulate_iq])
+def test_rf_refuses_what_is_no_array(call):
+    with pytest.raises(TypeError, match="array must be of type LinearArray, not 'l7-4'"):
+        call([(0, 0, 0.03)], [1.0], "l7-4", 0.03)

@@ -113,7 +113,9 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise
         from usbench.records import ConfigurationError
 
-        print(f"usbench: error: {in_one_line(error)}", file=sys.stderr)
+        # An error in the code of one's own algorithm, as may be.
+        where = "" if isinstance(error, (ConfigurationError, OSError)) else " (--debug shows where)"
+        print(f"usbench: error: {in_one_line(error)}{where}", file=sys.stderr)
         # Whoever names a folder or file that is not there is told so, as of any other wrong value.
         return REFUSED if isinstance(error, (ConfigurationError, FileNotFoundError)) else FAILED
     return DONE

@@ -25,8 +25,8 @@ EXAMPLES = """examples:
   usbench guide --study anna --task pp
   usbench guide --probe probe.toml --imaging imaging.toml
 
-Nobody but this machine can reach the page. To see it from elsewhere, start it with
---port 8000 --no-browser, and there: ssh -L 8000:127.0.0.1:8000 HOST
+Nobody but this machine can reach the page. To see it from elsewhere, start it
+with --port 8000 --no-browser, and there: ssh -L 8000:127.0.0.1:8000 HOST
 """
 
 

@@ -121,15 +121,15 @@ def _place(out: Path | None) -> Iterator[None]:
 def _new_folder(name: str) -> Path:
     from minari.storage import get_dataset_path
 
-    folder = Path(get_dataset_path(name))
+    try:
+        folder = Path(get_dataset_path(name))  # makes the folder of all data sets
+        folder.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise records.unwritable(Path(error.filename or name), error) from error
     if (folder / "data").exists():
         raise ConfigurationError(
             f"there is a data set {name!r} in {str(folder)!r} already: remove it, or choose another folder."
         )
-    try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise records.unwritable(folder, error) from error
     return folder
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 # Where `trial.json` keeps the checksum of everything else in it.
 KEY = "checksum"
+MEND = "bring it back, or remove the folder {} to run the trial again."
 
 
 def of(folder: Path, names: Iterable[str]) -> dict[str, str]:
@@ -40,13 +41,12 @@ def check(folder: Path, expected: Mapping[str, str]) -> None:
         ValueError: If one is not.
     """
     for name, checksum in expected.items():
-        if not (folder / name).exists() or of(folder, [name])[name] != checksum:
+        if not (folder / name).exists():
+            raise ValueError(f"{folder / name} is missing: {MEND.format(folder.name)}")
+        if of(folder, [name])[name] != checksum:
             raise damaged(folder / name)
 
 
 def damaged(path: Path) -> ValueError:
     """Return the error for a file of a trial that is not what the trial wrote."""
-    return ValueError(
-        f"{path} is damaged, it is not what its trial wrote: bring it back, or remove the folder "
-        f"{path.parent.name} to run the trial again."
-    )
+    return ValueError(f"{path} is damaged, it is not what its trial wrote: {MEND.format(path.parent.name)}")

@@ -2,6 +2,7 @@
 
 import contextlib
 import random
+import reprlib
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any, Protocol
@@ -120,9 +121,13 @@ def _act(
     episode has its own.
     """
     tosses = isinstance(agent, OffPolicyAlgorithm) and explores(agent) and not deterministic
-    actions, state = agent.predict(
-        seen, state=state, episode_start=first, deterministic=deterministic or tosses
-    )
+    found = agent.predict(seen, state=state, episode_start=first, deterministic=deterministic or tosses)
+    if not isinstance(found, tuple) or len(found) != 2 or np.shape(found[0]) != first.shape:
+        raise TypeError(
+            f"predict must return actions {first.shape} and a state, as Stable-Baselines3's does, not "
+            f"{reprlib.repr(found)}."
+        )
+    actions, state = found
     if tosses:
         for k in np.flatnonzero(np.random.rand(len(actions)) < agent.exploration_rate):
             actions[k] = agent.action_space.sample()

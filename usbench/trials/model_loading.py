@@ -106,7 +106,7 @@ def _recorded(folder: Path, algo: str | None, task: str | None) -> TrialConfig:
         if foreign and ":" in config.algo and algo is None:
             raise ConfigurationError(
                 f"{path} names an algorithm outside this package, {config.algo!r}, whose code would run: "
-                "name it too if you trust it."
+                f"usbench.load_agent(..., algo={config.algo!r}) opens it, if you trust it."
             )
         hyperparameters = zoo.hyperparameters(config.algo, config.task, config.hyperparameters)
         check_seed(config.seed)

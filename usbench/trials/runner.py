@@ -180,8 +180,15 @@ class _Run:
             self.trial = replace(self.trial, started=before.started)
         if goes_on:
             return
-        if before is not None and before.status != "finished":
-            log.warning("no resume file of the trial %s is of use: it starts from step 0", self.folder.name)
+        episodes = self.folder / records.EPISODES
+        if (
+            before is not None
+            and before.status != "finished"
+            and episodes.is_file()
+            and episodes.stat().st_size
+        ):
+            why = "no resume file is of use" if self.resume_files.paths() else "it left no resume file"
+            log.warning("the trial %s starts from step 0: %s", self.folder.name, why)
         records.create(self.out, self.config)
 
     def _frames(self) -> None:
