@@ -44,7 +44,8 @@ def scores(known: Results, config: TrialConfig) -> tuple[float, float]:
     """Return a trial's score, and the standard deviation over the seeds of its cell."""
     trials = known.trials
     own = trials[trials["trial"] == config.folder_name].iloc[0]
-    alike = trials[(trials[CELL] == own[CELL]).all(axis=1)]
+    planned = {one.folder_name for one in plan.by_protocol(protocol.read())}
+    alike = trials[(trials[CELL] == own[CELL]).all(axis=1) & trials["trial"].isin(planned)]
     curves = known.curves[(known.curves["kind"] == GREEDY) & known.curves["trial"].isin(alike["trial"])]
     last = curves.groupby("trial")["normalized_score"].last()
     return float(last[config.folder_name]), float(last.std(ddof=1))

@@ -20,8 +20,10 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+from usbench.compare import plan, protocol
 from usbench.results import ranking, scores, stats, tables
 from usbench.results.protocol import tuning
+from usbench.results.tables import Results
 
 Array = npt.NDArray[np.float64]
 Draw = Callable[[int, np.random.Generator], Array]
@@ -70,9 +72,16 @@ def common(share: float) -> Draw:
     return draw
 
 
+def grid() -> Results:
+    """Return the committed trials of the protocol's grid, whatever else is in the tables."""
+    known = tables.read(COMMITTED)
+    names = [config.folder_name for config in plan.by_protocol(protocol.read())]
+    return known.of(known.trials[known.trials["trial"].isin(names)])
+
+
 def committed() -> dict[str, Draw]:
     """Return a distribution for each row of the committed table of the paper's tasks."""
-    known = next(iter(scores.parts(tables.read(COMMITTED)).values()))
+    known = grid()
     return {f"as `{row}`": _like(matrix) for row, matrix in scores.learners(known).items() if len(matrix) > 1}
 
 

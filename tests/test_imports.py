@@ -35,9 +35,9 @@ GROUND = (
 
 def modules():
     return {
-        f"{package}.{path.stem}": path
+        ".".join([package, *path.relative_to(ROOT / folder).with_suffix("").parts]): path
         for package, folder in FOLDERS.items()
-        for path in sorted((ROOT / folder).glob("*.py"))
+        for path in sorted((ROOT / folder).rglob("*.py"))
         if path.stem != "__init__"
     }
 

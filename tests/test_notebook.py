@@ -6,6 +6,9 @@ from pathlib import Path
 import matplotlib
 import pytest
 
+from usbench.results import tables
+from usbench.results.protocol import further
+
 NOTEBOOK = Path(__file__).parents[1] / "docs" / "records.ipynb"
 # Trains an agent: `make docs` runs it.
 FIVE_MINUTES = NOTEBOOK.with_name("five_minutes.ipynb")
@@ -28,9 +31,11 @@ def test_code_runs_from_the_committed_records(quick, monkeypatch, tmp_path):
             assert axis.get_xlabel() and axis.get_ylabel() and axis.lines
         names["plt"].close("all")
     assert not names["scores"].empty and names["scores"]["normalized_score"].between(-1, 1.2).all()
+    known = tables.read(Path(__file__).parents[1] / "leaderboard_files")
+    single_frames = further.split(known)["single-frames"].trials["trial"]
     learned = names["scores"].merge(names["results"].trials[["trial", "steps"]]).query("steps > 0")
     learned = learned[learned["task"].isin(("fp", "pp"))]
-    assert set(learned.groupby(["task", "noise", "algo"]).size()) == {10}  # none of another table
+    assert len(learned) and not learned["trial"].isin(single_frames).any()
     assert set(names["evaluations"]["algo"]) == {"random"}
     assert names["state"].status == "finished"
 

@@ -16,7 +16,7 @@ from usbench.setting import Setting
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "docs" / "environments"
 WRITER = runpy.run_path(str(ROOT / "benchmarks" / "task_pages.py"))
-QUICK = ("fp", "pp", "pp-random", "exam")
+QUICK = ("fp", "pp", "pp-random", "pp-tracked", "fp-random", "exam", "exam-stop")
 
 
 def shown(task):
@@ -34,7 +34,9 @@ def test_a_page_is_what_the_code_says(task):
     assert (FOLDER / f"{task}.md").read_text() == WRITER["text"](task, shown(task))
 
 
-@pytest.mark.parametrize("task", QUICK)
+@pytest.mark.parametrize(
+    "task", [task if task in QUICK else pytest.param(task, marks=pytest.mark.slow) for task in suite.TASKS]
+)
 def test_its_anchors_are_exact(task):
     anchors, own = shown(task), Setting(task=task).anchors()
     for name in ("optimal", "random", "stay"):

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import llvmlite.binding
 
-import usbench
+from usbench import words
 
 LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "opencv-python-headless")
 
@@ -88,5 +88,5 @@ def _own_module(imported: str) -> str:
 
 def _file(name: str) -> Path:
     own = name.removeprefix("usbench.")
-    top = Path(__file__).parents[1] if own == name else Path(usbench.__file__).parent
+    top = Path(__file__).parents[1] if own == name else Path(words.__file__).parent
     return top.joinpath(*own.split(".")).with_suffix(".py")

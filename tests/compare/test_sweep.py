@@ -138,11 +138,12 @@ def test_interrupted_sweep_keeps_the_state_of_its_trials(quick, tmp_path):
     executor = functools.partial(sweep.processes, sweep_worker.quick)
 
     def interrupt_when_it_runs():
-        while not list(tmp_path.glob("*/episodes.jsonl")):
+        for _ in range(1200):
+            if list(tmp_path.glob("*/episodes.jsonl")):
+                return os.kill(os.getpid(), signal.SIGINT)
             time.sleep(0.1)
-        os.kill(os.getpid(), signal.SIGINT)
 
-    threading.Thread(target=interrupt_when_it_runs).start()
+    threading.Thread(target=interrupt_when_it_runs, daemon=True).start()
     with pytest.raises(KeyboardInterrupt):
         run([config], tmp_path, executor)
     assert read_state(tmp_path / config.folder_name)["status"] == "interrupted"

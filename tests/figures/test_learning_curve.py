@@ -30,7 +30,7 @@ def trial(out, evaluations=True, episodes=True, explores=False):
             for deterministic in (False, True):
                 counters = {"episode": 0, "eval_episode": 0, "step": checkpoint, "checkpoint": checkpoint}
                 mode = {"deterministic": deterministic, "actions": ()}
-                row = Evaluation(return_=-20.0, **counters, **mode, poses=POSES, **REST)
+                row = Evaluation(return_=-20.0 + deterministic, **counters, **mode, poses=POSES, **REST)
                 journal.append([row.as_row()])
     return folder
 
@@ -43,6 +43,18 @@ def test_learning_curve_is_a_picture_and_the_same_bytes_again(tmp_path, episodes
         assert image.format == "PNG" and image.width >= 1000
         assert len(image.convert("L").getcolors()) > 3
     assert learning_curve.write(path.parent).read_bytes() == first
+
+
+def test_what_is_drawn_is_what_was_recorded(tmp_path):
+    axes = learning_curve.draw(records.Trial.read(trial(tmp_path))).axes[0]
+    drawn = {line.get_label().partition(" (")[0]: [float(y) for y in line.get_ydata()] for line in axes.lines}
+    assert drawn == {
+        "training, mean of 40 episodes": [-20.0, -19.5, -19.0, -18.5],
+        "evaluation, sampled actions": [-20.0, -20.0],
+        "evaluation, greedy actions": [-19.0, -19.0],
+        "optimum": [-5.0, -5.0],
+        "random agent": [-21.0, -21.0],
+    }
 
 
 @pytest.mark.parametrize("explores", [True, False])

@@ -7,10 +7,10 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from usbench import suite
+from usbench.compare import plan, protocol, rest
 from usbench.figures import comparison, tuning
 from usbench.results import leaderboard, tables
-from usbench.trials.configuration import resolve
+from usbench.results.protocol import further
 
 TOP = Path(__file__).parents[2]
 
@@ -55,12 +55,27 @@ def test_page_on_the_paper_comes_from_the_committed_tables(tmp_path):
 def test_trials_of_the_committed_leaderboard_have_the_names_that_they_always_had(tmp_path):
     # A setting that is new changes no name where it is off: what was run is not run again.
     trials = pd.read_csv(TOP / "leaderboard_files" / "trials.csv", dtype={"configuration": str})
-    for task in suite.PAPER:
-        row = trials[(trials["task"] == task) & (trials["algo"] == "vpg") & (trials["seed"] == 100)].iloc[0]
-        config = resolve("vpg", task, noise=row["noise"], steps=row["steps"], seed=100)
-        assert config.folder_name == row["trial"]
-        planned = tables.collect(tmp_path, [config]).trials.iloc[0]
-        assert planned[["configuration", "settings"]].equals(row[["configuration", "settings"]])
+    trials = trials.set_index("trial")
+    planned = [config for config in plan.by_protocol(protocol.read()) if config.steps]
+    assert {config.folder_name for config in planned} <= set(trials.index)
+    ours = tables.collect(tmp_path, planned).trials.set_index("trial")[["configuration", "settings"]]
+    assert ours.equals(trials.loc[ours.index, ["configuration", "settings"]])
+
+
+def test_trials_of_further_tables_have_the_names_that_they_always_had():
+    rules, folder = protocol.read(), TOP / "leaderboard_files"
+    there = further.split(tables.read(folder))
+    for extra in rules.comparison.extras:
+        # `other-tasks` differs from the grid in its tasks alone, and stands beside it.
+        own = there.get(extra.name, there["grid"] if extra.rows else None)
+        if own is None:
+            continue
+        planned = plan.by_protocol(
+            rules, extra.name, algos=rest.rows(rules, extra.name, TOP / "runs", folder)
+        )
+        names = {config.folder_name for config in planned if config.steps}
+        known = set(own.trials.loc[own.trials["steps"] > 0, "trial"])
+        assert names <= known if extra.rows else known <= names
 
 
 def test_committed_tables_are_read_and_written_without_a_change(tmp_path):

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from usbench import suite
-from usbench.agents.rows.reference import REFERENCE
+from usbench.agents.zoo import REFERENCE
 from usbench.checks import whole_number
 from usbench.compare.protocol import Extra, Protocol
 from usbench.records import ConfigurationError, TrialConfig

@@ -9,7 +9,6 @@ from usbench import released
 from usbench.anchors import Anchors
 from usbench.datasets.episodes import BEST, Played
 from usbench.records import Trial
-from usbench.results.text import table
 from usbench.setting import Setting
 
 
@@ -68,11 +67,20 @@ def _described(agent: str, task: str) -> str:
 
 
 def _table(anchors: Anchors, played: Sequence[Played], who: Mapping[str, str]) -> str:
-    rows = []
+    rows: list[tuple[str, ...]] = [("number", "agent", "episodes", "return", "score", "ends at the goal")]
     for number, (agent, described) in enumerate(who.items()):
         own = [episode for episode in played if episode.agent == agent]
         mean = float(np.mean([sum(episode.rewards) for episode in own]))
         success = np.mean([bool(episode.infos["is_success"][-1]) for episode in own])
-        numbers = [str(len(own)), f"{mean:.2f}", f"{anchors.score(mean):.3f}", f"{100 * success:.0f} %"]
-        rows.append([str(number), described, *numbers])
-    return table(["number", "agent", "episodes", "return", "score", "ends at the goal"], rows, words=2)
+        rows.append(
+            (
+                str(number),
+                described,
+                str(len(own)),
+                f"{mean:.2f}",
+                f"{anchors.score(mean):.3f}",
+                f"{100 * success:.0f} %",
+            )
+        )
+    rows.insert(1, ("---",) * len(rows[0]))
+    return "\n".join(f"| {' | '.join(row)} |" for row in rows)

@@ -10,7 +10,6 @@ import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from usbench.agents.rows.reference import REFERENCE
 from usbench.ceilings import bound
 from usbench.figures import looks, paper, score_axis, style
 from usbench.figures.cells import cell_panels, is_one_row
@@ -24,6 +23,8 @@ SCORE = "normalised score (0 random, 1 optimum)"
 # What learning curves are drawn over, by the column of `scores.learning_curves`.
 OVER = {"step": "training steps", "minutes": "minutes of CPU time in training"}
 N_THRESHOLDS = 141
+# Agents that do not learn: lines and anchors beside those that do, rows where there are no others.
+REFERENCES = ("oracle", "random", "stay")
 # Without caps, which would lengthen an interval.
 BAR: dict[str, Any] = {"linewidth": 4, "solid_capstyle": "butt"}
 # Height in inches of panels that are all in one row, so that the label of their axis fits beside them.
@@ -86,7 +87,7 @@ def final_scores(known: Results) -> Figure | None:
     table = _final(known)
     if table.empty:
         return None
-    rows = table[~table["agent"].isin(list(REFERENCE))]
+    rows = table[~table["agent"].isin(REFERENCES)]
     rows = table if rows.empty else rows
     worst_first = _ranked(rows)[::-1]
     here = {cell: [name for name in worst_first if name in set(own["agent"])] for cell, own in _by_cell(rows)}
