@@ -78,8 +78,13 @@ class FrameReplayBuffer(ReplayBuffer):
         """Fills the new, empty buffer with what `state` gave.
 
         Raises:
-            ValueError: `state` comes from a buffer of another size.
+            ValueError: `state` comes from a larger buffer, or from a full one of another size.
         """
+        n_kept = len(state["rewards"])
+        if n_kept > self.buffer_size or (state["full"] and n_kept < self.buffer_size):
+            raise ValueError(
+                f"the state must fit a buffer of {self.buffer_size} steps, not be one of {n_kept} steps."
+            )
         self.pos, self.full = state["pos"], state["full"]
         for frame in state["frames"]:
             self._frames.number(frame)

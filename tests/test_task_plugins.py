@@ -114,6 +114,16 @@ def test_a_row_that_does_not_fit_its_environment_is_refused():
         suite.guidance_of("pp", replace(row, n_steps=24))
 
 
+def test_an_environment_whose_first_action_moves_is_refused(installed):
+    turned = "starts=PROBE_PLANE.starts[:1], actions=PROBE_PLANE.actions[::-1])"
+    installed(module=MODULE.replace("starts=PROBE_PLANE.starts[:1])", turned))
+    row = tasks.Row(env_id="other/Turned-v0", entry_point="other_tasks:UprightEnv")
+    with pytest.raises(
+        records.ConfigurationError, match="the first action of the task 'turned' must move nothing"
+    ):
+        suite.guidance_of("turned", row)
+
+
 CODE = """
 import sys
 import sweep_worker

@@ -92,9 +92,11 @@ def test_normalised_observations_are_refused():
     buffer.sample(4, env=VecNormalize(DummyVecEnv([Images]), norm_obs=False))
 
 
-def test_state_of_a_larger_buffer_is_refused():
-    state = filled(FrameReplayBuffer(50, STACKS, ACTIONS, "cpu"), 40).state()
-    with pytest.raises(ValueError):
+@pytest.mark.parametrize(("size", "n_steps"), [(50, 40), (10, 12)])
+def test_state_of_another_buffer_is_refused(size, n_steps):
+    state = filled(FrameReplayBuffer(size, STACKS, ACTIONS, "cpu"), n_steps).state()
+    kept = min(size, n_steps)
+    with pytest.raises(ValueError, match=f"must fit a buffer of 20 steps, not be one of {kept} steps"):
         FrameReplayBuffer(20, STACKS, ACTIONS, "cpu").put_back(state)
 
 

@@ -47,6 +47,32 @@ def test_every_figure_is_drawn(tmp_path):
             assert image.width >= 800 and len(image.convert("L").getcolors()) > 10
 
 
+def lines_of(figure):
+    """Horizontal and vertical coordinates of all lines in the first panel of a figure."""
+    (axis,) = figure.axes[:1]
+    return [
+        (pytest.approx(line.get_xdata(), nan_ok=True), pytest.approx(line.get_ydata())) for line in axis.lines
+    ]
+
+
+def test_what_is_drawn_is_what_follows_from_the_scores():
+    low, high = [0.2, 0.4, 0.6], [0.5, 0.7, 0.9]
+    drawn = comparison.draw(made(*seeds("vpg", low), *seeds("ppo", high)))
+    found = lines_of(drawn["scores"])
+    for height, own in enumerate((low, high)):
+        # Seeds above, the mean of the middle half, which of three is that of all.
+        assert (own, [height + 0.28] * 3) in found and ([np.mean(own)], [height]) in found
+    steps = [0, 8032, 16_064]
+    found = lines_of(drawn["learning_curves"])
+    assert (steps, [0, 0.35, 0.7]) in found and (steps, [0, 0.2, 0.4]) in found
+    # Of the 9 pairs of seeds, ppo has less in one.
+    assert ([8 / 9], [0]) in lines_of(drawn["improvement"])
+    profiles = {line.get_label(): line for line in drawn["performance_profiles"].axes[0].lines}
+    for name, own in (("vpg", low), ("ppo", high)):
+        above = [np.mean(np.array(own) > threshold) for threshold in profiles[name].get_xdata()]
+        assert profiles[name].get_ydata() == pytest.approx(above)
+
+
 @pytest.mark.parametrize("kind", ["svg", "pdf"])
 def test_vector_formats_are_the_same_bytes_again(tmp_path, kind):
     figure = comparison.draw(made(*GRID))["performance_profiles"]

@@ -9,9 +9,10 @@ from matplotlib.quiver import Quiver
 
 from usbench.envs import oracle
 from usbench.envs.pose import Pose
+from usbench.envs.tasks.examination import EXAMINATION
 from usbench.envs.tasks.focal_point import FOCAL_POINT
 from usbench.envs.tasks.probe_plane import PROBE_PLANE
-from usbench.figures import policy_map
+from usbench.figures import policy_map, state_map
 
 
 def costs(task, noise, pose):
@@ -66,3 +67,8 @@ def test_arrows_are_all_as_long_on_paper():
     # Longer than wide, whatever its direction.
     lengths = [np.ptp(path.vertices, axis=0).max() for path in arrows.get_paths()]
     assert len(lengths) > 100 and lengths == pytest.approx([lengths[0]] * len(lengths))
+
+
+def test_a_task_with_two_coordinates_beside_the_position_has_no_flat_map():
+    with pytest.raises(ValueError, match="task 'exam' has no flat map: focal_depth_mm, angle_deg varies"):
+        state_map.coordinate(EXAMINATION)

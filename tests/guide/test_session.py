@@ -318,3 +318,9 @@ def test_closing_ends_the_training(session, monkeypatch):
     assert session.state()["training"]["status"] == "running"
     session.close()
     assert process.returncode is not None
+
+
+def test_a_trial_of_an_agent_that_does_not_learn_is_refused(quick, tmp_path):
+    folder = runner.run_trial(resolve("random", "pp"), tmp_path).folder
+    with pytest.raises(ConfigurationError, match="is not the trial of an agent that learns"):
+        agents.known(folder)

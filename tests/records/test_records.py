@@ -237,6 +237,8 @@ def test_lines_that_do_not_say_when_the_goal_was_reached_are_refused(tmp_path):
 def test_a_last_evaluation_without_such_actions_is_refused(tmp_path):
     last = Trial.read(trial(tmp_path))
     assert len(last.last_evaluation(deterministic=False)) == 2
+    with pytest.raises(ValueError, match="has no evaluations"):
+        Trial.read(trial(tmp_path / "none", rows=0)).last_evaluation(deterministic=True)
     with pytest.raises(ValueError, match="has no episodes with greedy actions"):
         last.last_evaluation(deterministic=True)
 

@@ -121,6 +121,12 @@ def test_an_agent_that_learns_after_whole_episodes_keeps_the_budget(here):
     assert records.load(here / "runs", "evaluations")["step"].max() == 40
 
 
+def test_a_model_that_is_not_stable_baselines_is_not_opened(here):
+    assert cli.main(["run", "--algo", "mine:Counter", *SHORT]) == 0
+    with pytest.raises(records.ConfigurationError, match="a model of mine:Counter cannot be opened safely"):
+        load_agent(the_trial(here), algo="mine:Counter")
+
+
 @pytest.mark.parametrize("need", ["teachers", "anchors"])
 def test_a_row_that_needs_what_no_setting_makes_is_refused(need):
     with pytest.raises(ValueError, match=f"unknown need of an algorithm '{need}'"):

@@ -356,3 +356,21 @@ def test_folder_that_is_no_trial_is_refused(tmp_path, capsys):
     assert "is not the folder of a trial" in capsys.readouterr().err
     (tmp_path / records.TRIAL).write_text("[]")
     assert cli.main(["watch", str(tmp_path)]) == 2
+
+
+def one_page():
+    image = Image.new("RGB", (8, 8))
+    image.info["duration"] = 100
+    return image
+
+
+def test_a_replay_of_another_format_is_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"a replay must end with one of .*\.gif.*, not 'a\.avi'"):
+        film.write(tmp_path / "a.avi", [one_page()])
+
+
+def test_where_opencv_writes_no_video_the_other_formats_are_named(tmp_path, monkeypatch):
+    monkeypatch.setattr(film, "CODECS", ())
+    with pytest.raises(OSError, match=r"cannot write \.mp4: choose \.gif or \.webp"):
+        film.write(tmp_path / "a.mp4", [one_page()])
+    assert not list(tmp_path.iterdir())
