@@ -39,12 +39,6 @@ KNOWN_WORDS = [
     "%", "%s", "é", "fp", "pp", "vpg", "stay", "spinup", "gamma=0.9", "gamma=", "gamma=nan", "n_steps=7",
     "n_steps=64", "file", "folder", "folder/new", "file/below", "x.gif", "os:system", "tcp://host:1",
 ]
-KNOWN_OPTIONS = [
-    "--algo", "--algos", "--task", "--tasks", "--noise", "--seed", "--seeds", "--steps", "--preset",
-    "--set", "--out", "--overwrite", "--quiet", "--jobs", "--cluster", "--leaderboard", "--candidates",
-    "--clear", "--episode", "--sampled", "--formats", "--x", "--depth", "--angle", "--kind", "--plain",
-    "--help", "--version", "--nothing",
-]
 # fmt: on
 WORDS = st.one_of(
     st.sampled_from([*KNOWN_WORDS, "", " ", "\n", "\udcff", "a" * 300]),
@@ -55,12 +49,25 @@ WORDS = st.one_of(
     st.integers().map(str),
     st.floats().map(str),
 )
-OPTIONS = st.sampled_from(KNOWN_OPTIONS)
+COMMANDS = cli.build_parser()[1]
+# All but those that reach out to a service, or show the traceback of a refusal.
+OPTIONS = st.sampled_from(
+    sorted(
+        {
+            option
+            for parser in COMMANDS.values()
+            for action in parser._actions
+            for option in action.option_strings
+        }
+        - {"--wandb", "--debug", "-h"}
+        | {"--version", "--nothing"}
+    )
+)
 STARTS = st.sampled_from(
     [
         start.split()
         for start in (
-            *("", "run", "compare", "search", "leaderboard", "list", "cache", "watch", "plot", "frame"),
+            *("", *(name for name in COMMANDS if name != "guide")),
             *(
                 "run --algo vpg --task pp",
                 "compare --seeds 1 --algos vpg",
@@ -84,6 +91,7 @@ def sandbox(tmp_path, monkeypatch, quick):
     monkeypatch.setattr("usbench.compare.search.run", accepted)
     monkeypatch.setattr("usbench.compare.dask_cluster._connect", accepted)
     monkeypatch.setattr("usbench.watch.snapshot.take", accepted)
+    monkeypatch.setattr("usbench.datasets.minari_files.write", accepted)
     monkeypatch.setenv("USBENCH_CACHE", str(tmp_path / "cache"))
     monkeypatch.chdir(tmp_path)
     (tmp_path / "file").write_text("untouched")
