@@ -9,7 +9,7 @@ trials.
 
 import argparse
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -115,21 +115,32 @@ def main() -> None:
     if args.figures:
         print(*drawing.write(trial_table.read(args.csv), args.figures), sep="\n")
         return
-    jobs = plan.positive("jobs", args.jobs)
-    steps = tuple(plan.positive("steps", own) for own in args.steps or ())
-    n_seeds = None if args.seeds is None else plan.positive("seeds", args.seeds)
-    for table in args.tables:
-        own = STUDIES[table]
-        study = replace(own, steps=steps or own.steps, n_seeds=n_seeds or own.n_seeds)
-        for seed in range(study.n_seeds):
-            seed_pools.own().check("development", seed)
-        try:
-            run(table, study, args.out, args.csv, jobs)
-        except KeyboardInterrupt:
-            sys.exit("stopped: the same command goes on from here.")
-        except RuntimeError as error:
-            sys.exit(f"{error}; the same command tries again.")
-        show(table, study, args.csv)
+    try:
+        for table in args.tables:
+            study = asked(STUDIES[table], args.steps, args.seeds)
+            run(table, study, args.out, args.csv, plan.positive("jobs", args.jobs))
+            show(table, study, args.csv)
+    except KeyboardInterrupt:
+        sys.exit("stopped: the same command goes on from here.")
+    except ConfigurationError as error:
+        parser.error(str(error))
+    except RuntimeError as error:
+        sys.exit(f"{error}; the same command tries again.")
+
+
+def asked(study: Study, steps: Sequence[int] | None, n_seeds: int | None) -> Study:
+    """Return a study with other steps or seeds, where they are not None.
+
+    Raises:
+        ConfigurationError: If a value is not allowed.
+    """
+    if steps is not None:
+        study = replace(study, steps=tuple(plan.positive("steps", own) for own in steps))
+    if n_seeds is not None:
+        study = replace(study, n_seeds=plan.positive("seeds", n_seeds))
+    for seed in range(study.n_seeds):
+        seed_pools.own().check("development", seed)
+    return study
 
 
 if __name__ == "__main__":

@@ -175,7 +175,7 @@ class Phantom:
         """Return positions (n, 3) m and amplitudes (n,) as seen from the probe: see `Scatterers`."""
         positions = pose.to_probe(self.positions)
         seen = (np.abs(positions[:, 0]) <= half_width_m) & (np.abs(positions[:, 1]) <= half_thickness_m)
-        seen &= positions[:, 2] > 0  # a pose that leans has tissue behind the probe
+        seen &= positions[:, 2] > 0  # a scatterer at depth 0 has no echo
         which = np.flatnonzero(seen)  # several times as fast as the mask
         return positions.take(which, axis=0), self.amplitudes.take(which)
 

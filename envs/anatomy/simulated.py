@@ -44,6 +44,7 @@ class Echogenicity(Anatomy):
 
     def __post_init__(self) -> None:
         """Hold the values as plain ones, or refuse them."""
+        super().__post_init__()
         density = number("density_per_mm3", self.density_per_mm3, low=0, high=MAX_DENSITY_PER_MM3, above=True)
         object.__setattr__(self, "density_per_mm3", density)
         object.__setattr__(self, "seed", whole_number("seed", self.seed, low=0))
@@ -58,7 +59,7 @@ class Echogenicity(Anatomy):
         tissue, amplitudes = _scatterers(self)
         positions = pose.to_probe(tissue)
         seen = (np.abs(positions[:, 0]) <= half_width_m) & (np.abs(positions[:, 1]) <= half_thickness_m)
-        seen &= positions[:, 2] > 0  # a pose that leans has tissue behind the probe
+        seen &= positions[:, 2] > 0  # a scatterer at depth 0 has no echo
         return positions[seen], amplitudes[seen]
 
     def recorded_frame(self, pose: Pose, shape: tuple[int, int], pixel_size: float) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import abc
+import reprlib
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
@@ -44,6 +45,17 @@ class Anatomy(abc.ABC):
     has_focus: ClassVar[bool]
     # Nobody knows its outline.
     object_of_interest: ClassVar[None] = None
+
+    def __post_init__(self) -> None:
+        """Check the types.
+
+        Raises:
+            TypeError: If the target is no pose, or the placement none.
+        """
+        for name, of_type in (("target", Pose), ("placement", Placement)):
+            value = getattr(self, name)
+            if not isinstance(value, of_type):
+                raise TypeError(f"{name} must be of type {of_type.__name__}, not {reprlib.repr(value)}.")
 
     @classmethod
     def read(cls, path: str | Path, *, target: Pose | None = None, **settings: Any) -> Self:

@@ -58,6 +58,7 @@ EXAMPLES = """examples:
   usbench transfer
   usbench leaderboard
   usbench frame --x 10 --depth 35 --angle 60
+  usbench guide
   usbench watch best:pp
   usbench watch runs/pp-p0-vpg-s0-f5fd15c6
   usbench plot runs --out figures --format svg
@@ -114,7 +115,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         from usbench.records import ConfigurationError
 
         # An error in the code of one's own algorithm, as may be.
-        where = "" if isinstance(error, (ConfigurationError, OSError)) else " (--debug shows where)"
+        foreign = error.__cause__ is not None and not isinstance(error, (ConfigurationError, OSError))
+        where = " (--debug shows where)" if foreign else ""
         print(f"usbench: error: {in_one_line(error)}{where}", file=sys.stderr)
         # Whoever names a folder or file that is not there is told so, as of any other wrong value.
         return REFUSED if isinstance(error, (ConfigurationError, FileNotFoundError)) else FAILED

@@ -5,7 +5,7 @@ import contextlib
 import sys
 import textwrap
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -85,6 +85,16 @@ def tell_watcher(text: str, quiet: bool = False) -> None:
     """Say on stderr what is being done, where a person waits for it; files and pipes get results alone."""
     if sys.stderr.isatty() and not quiet:
         print(text, file=sys.stderr, flush=True)
+
+
+def teller(quiet: bool) -> Callable[[str], None]:
+    """Return what says on stderr what is being done; nothing if `quiet`."""
+
+    def tell(text: str) -> None:
+        if not quiet:
+            print(text, file=sys.stderr, flush=True)
+
+    return tell
 
 
 def add_runs(parser: argparse.ArgumentParser, what: str = "folder with trials") -> None:

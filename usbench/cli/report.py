@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 from typing import Any
 
-from usbench.cli.arguments import add_runs, runs_or, tell_watcher
+from usbench.cli.arguments import add_runs, runs_or, tell_watcher, teller
 
 
 def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
@@ -42,9 +41,6 @@ def _call(args: argparse.Namespace) -> None:
     )
     from usbench.report import page
 
-    def tell(text: str) -> None:
-        if not args.quiet:
-            print(text, file=sys.stderr)
-
+    tell = teller(args.quiet)
     path = page.write(args.path or runs, args.out, tell)
     print(f"{path}: {path.stat().st_size / 1e6:.1f} MB")

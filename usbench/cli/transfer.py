@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from typing import Any
 
-from usbench.cli.arguments import GOES_ON, add_leaderboard_file, add_runs, number, tell_watcher
+from usbench.cli.arguments import GOES_ON, add_leaderboard_file, add_runs, number, tell_watcher, teller
 from usbench.cli.leaderboard import FROM_THE_PACKAGE
 
 
@@ -49,10 +48,7 @@ def _call(args: argparse.Namespace) -> None:
     from usbench.compare import transfer
     from usbench.results import leaderboard, published
 
-    def tell(text: str) -> None:
-        if not args.quiet:
-            print(text, file=sys.stderr)
-
+    tell = teller(args.quiet)
     tested = published.or_own(leaderboard.files(args.leaderboard))
     asked = {"algos": args.algos, "tasks": args.tasks, "noises": args.noise}
     missing = transfer.untested(args.runs, tested, **asked, tell=tell)

@@ -127,6 +127,8 @@ def test_a_turned_image_that_the_probe_misses_with_all_its_planes_is_refused(ima
             r"density_per_mm3 must be a number in \(0, 10\], not 'many'",
         ),
         ({"dynamic_range_db": 0}, ValueError, "dynamic_range_db must be a positive number, not 0"),
+        ({"target": (0, 50, 0)}, TypeError, r"target must be of type Pose, not \(0, 50, 0\)"),
+        ({"placement": {}}, TypeError, "placement must be of type Placement, not {}"),
         ({"dynamic_range_db": "60 dB"}, TypeError, "dynamic_range_db must be a positive number, not '60 dB'"),
         ({"placement": Placement("x", "-x")}, ValueError, "right angles, not 'x' and '-x'"),
     ],

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 from typing import Any
 
-from usbench.cli.arguments import number, tell_watcher
+from usbench.cli.arguments import number, tell_watcher, teller
 
 EXAMPLES = """examples:
   usbench dataset --task pp --agent best --episodes 1000
@@ -49,10 +48,7 @@ def _call(args: argparse.Namespace) -> None:
     tell_watcher("loading PyTorch: some seconds", args.quiet)
     from usbench.datasets import minari_files
 
-    def tell(text: str) -> None:
-        if not args.quiet:
-            print(text, file=sys.stderr, flush=True)
-
+    tell = teller(args.quiet)
     name, folder = minari_files.write(
         args.task, args.agent, args.episodes, noise=args.noise, seed=args.seed, out=args.out, tell=tell
     )

@@ -7,6 +7,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from usbench.cli.arguments import teller
+
 EXAMPLES = """examples:
   usbench compare --algos mine:LongPPO --out mine \\
       --leaderboard mine/leaderboard.md
@@ -41,10 +43,7 @@ def _call(args: argparse.Namespace) -> None:
     """Check the trials; copy them if none has a problem."""
     from usbench.compare import submission
 
-    def tell(text: str) -> None:
-        if not args.quiet:
-            print(text, file=sys.stderr, flush=True)
-
+    tell = teller(args.quiet)
     if not args.check:
         _check_place(args.trials, args.out)
     found = submission.check(args.trials, tell)
