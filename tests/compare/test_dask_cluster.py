@@ -174,7 +174,7 @@ def test_nothing_listens_but_on_loopback(two):
 
 def test_other_versions_are_refused(two, monkeypatch):
     real = configuration.versions(dask_cluster.PACKAGES)
-    monkeypatch.setattr(dask_cluster, "versions", lambda: {**real, "torch": "1.0"})
+    monkeypatch.setattr(configuration, "versions", lambda *_: {**real, "torch": "1.0"})
     said = refusal(two.scheduler_address)
     assert f"torch {real['torch']}, this machine 1.0" in said and "tcp://127.0.0.1:" in said
 
