@@ -8,7 +8,7 @@ gain compensation; everything else is the same in both.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, NoReturn
+from typing import Any, NoReturn, cast
 
 import numpy as np
 
@@ -176,7 +176,8 @@ class ImagingSetupEnv(GuidanceEnv):
     def _regions(self, pose: Pose) -> tuple[Mask, Mask]:
         place = pose.x_mm, pose.angle_deg
         if place not in self._masks:
-            self._masks[place] = regions(self.phantom, pose, self.imaging)
+            # Tissue whose object has no outline is refused.
+            self._masks[place] = regions(cast(Phantom, self.phantom), pose, self.imaging)
         return self._masks[place]
 
     def _reward(self, pose: Pose) -> float:
