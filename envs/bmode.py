@@ -176,7 +176,7 @@ def simulated_bmode(
         (height_px, width_px) uint8, as `bmode`.
 
     Raises:
-        TypeError: If the array is none.
+        TypeError: If `array` is no `LinearArray`.
         ValueError: If a value is not allowed, or the signals have another number of lines.
     """
     check_array(array)

@@ -50,7 +50,7 @@ class Anatomy(abc.ABC):
         """Check the types.
 
         Raises:
-            TypeError: If the target is no pose, or the placement none.
+            TypeError: If `target` is no `Pose`, or `placement` no `Placement`.
         """
         for name, of_type in (("target", Pose), ("placement", Placement)):
             value = getattr(self, name)

@@ -142,7 +142,7 @@ def test_failure_while_running_is_one_sentence_and_status_1(capsys, tmp_path, qu
     argv = [*RUN, "--quiet", "--out", str(tmp_path)]
     assert cli.main(argv) == 1
     error = capsys.readouterr().err
-    assert "No space left on device" in error and error.count("\n") == 1
+    assert error.endswith("No space left on device (--debug shows where)\n") and error.count("\n") == 1
     with pytest.raises(runner.TrialError):
         cli.main([*argv, "--debug"])
 

@@ -172,6 +172,9 @@ def test_every_source_and_library_of_a_frame_is_in_the_simulator(monkeypatch):
     assert frames._simulator() == frames.SIMULATOR
     of_anatomies = set(sources.sources("anatomy.simulated", "anatomy.recorded"))
     assert {"anatomy.simulated", "anatomy.recorded", "anatomy.volume"} <= of_anatomies
+    for source in found.values():
+        ours = [module for module in sources._imported(source) if module.startswith("usbench.")]
+        assert all(sources._own_module(module) for module in ours), ours
     for name in found:
         with monkeypatch.context() as patch:
             changed = found | {name: found[name] + b"\n"}

@@ -64,6 +64,22 @@ def test_an_array_of_very_wide_elements_has_many_lobes():
     check(array, 20e-3, bound=0.95)
 
 
+def test_waves_shorter_than_a_step_of_the_table():
+    # The default array and its scene, a twelfth as large: 42 MHz.
+    lengths = {"element_width": 0.3e-3, "kerf": 0.05e-3, "element_height": 5e-3}
+    array = LinearArray(
+        **{name: length / 12 for name, length in lengths.items()},
+        n_elements=96,
+        n_active=24,
+        center_frequency=42e6,
+        sampling_frequency=1.2e9,
+    )
+    rf, time = simulate_rf(CLOUD / 12, WEIGHTS, array, 40e-3 / 12, LINES / 12)
+    expected = slow_rf(CLOUD / 12, WEIGHTS, array, 40e-3 / 12, LINES / 12, time=time)[0]
+    assert correlation(rf, expected) >= 0.98
+    assert np.linalg.norm(rf) == pytest.approx(np.linalg.norm(expected), rel=0.02)
+
+
 def test_lines_beyond_the_end_of_the_array():
     array = LinearArray(**SMALL)  # 47 mm wide: the aperture's centre stays within 17.6 mm
     check(array, 40e-3, np.array([3e-3, 19e-3]), CLOUD + [8e-3, 0, 0])

@@ -159,6 +159,10 @@ def test_ranks_are_told_of_agents_with_enough_seeds(n_seeds):
     trials = [*seeds("vpg", [0.5] * 5), *seeds("a2c", [0.6] * n_seeds)]
     headings = lines(leaderboard.markdown(made(*trials)), "## ")
     assert ("## Stability of ranks" in headings) == (n_seeds == 5)
+    # One with fewer takes them from nobody.
+    text = leaderboard.markdown(made(*trials, *seeds("ppo", [0.7] * 5)))
+    ranks = text.split("## Stability of ranks")[1].split("</details>")[0]
+    assert ("| `a2c` |" in ranks) == (n_seeds == 5) and "| `ppo` |" in ranks
 
 
 def test_environments_with_exact_returns_of_their_own_are_said():

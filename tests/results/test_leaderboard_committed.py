@@ -62,7 +62,7 @@ def test_trials_of_the_committed_leaderboard_have_the_names_that_they_always_had
     assert ours.equals(trials.loc[ours.index, ["configuration", "settings"]])
 
 
-def test_trials_of_further_tables_have_the_names_that_they_always_had():
+def test_trials_of_further_tables_have_the_names_that_they_always_had(tmp_path):
     rules, folder = protocol.read(), TOP / "leaderboard_files"
     there = further.split(tables.read(folder))
     for extra in rules.comparison.extras:
@@ -71,7 +71,7 @@ def test_trials_of_further_tables_have_the_names_that_they_always_had():
         if own is None:
             continue
         planned = plan.by_protocol(
-            rules, extra.name, algos=rest.rows(rules, extra.name, TOP / "runs", folder)
+            rules, extra.name, algos=rest.rows(rules, extra.name, tmp_path / "runs", folder)
         )
         names = {config.folder_name for config in planned if config.steps}
         known = set(own.trials.loc[own.trials["steps"] > 0, "trial"])

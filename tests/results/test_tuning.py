@@ -138,7 +138,9 @@ def test_a_search_by_another_protocol_is_refused(tmp_path):
     record(tmp_path, "vpg", [0.1, 0.5])
     path = tmp_path / "vpg.jsonl"
     path.write_text(path.read_text().replace(PROTOCOL, "0" * 16))
-    with pytest.raises(ConfigurationError, match=r"vpg.jsonl' is the record of a search by another protocol"):
+    with pytest.raises(
+        ConfigurationError, match=r"^'[^']*vpg.jsonl' is the record of a search by another protocol\.$"
+    ):
         tuning.gather(tmp_path)
 
 

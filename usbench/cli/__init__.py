@@ -112,11 +112,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Exception as error:
         if args.debug:
             raise
-        from usbench.records import ConfigurationError
+        from usbench.records import ConfigurationError, TrialError
 
-        # An error in the code of one's own algorithm, as may be.
-        foreign = error.__cause__ is not None and not isinstance(error, (ConfigurationError, OSError))
-        where = " (--debug shows where)" if foreign else ""
+        # As may be in the code of one's own algorithm.
+        where = " (--debug shows where)" if isinstance(error, TrialError) else ""
         print(f"usbench: error: {in_one_line(error)}{where}", file=sys.stderr)
         # Whoever names a folder or file that is not there is told so, as of any other wrong value.
         return REFUSED if isinstance(error, (ConfigurationError, FileNotFoundError)) else FAILED
@@ -167,9 +166,18 @@ def _own_modules() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _terminable() -> Iterator[None]:
-    """Let SIGTERM end a command as Ctrl-C does, with its state kept."""
-    previous = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    """Let SIGTERM, and the end of the terminal, end a command as Ctrl-C does, with its state kept.
+
+    A signal that is ignored, as by nohup, stays so.
+    """
+    names = [name for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    numbers = [getattr(signal, name) for name in names]
+    before = {number: signal.getsignal(number) for number in numbers}
+    heard = [number for number in numbers if before[number] != signal.SIG_IGN]
+    for number in heard:
+        signal.signal(number, signal.default_int_handler)
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, previous)
+        for number in heard:
+            signal.signal(number, before[number])

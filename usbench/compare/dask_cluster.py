@@ -17,6 +17,8 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 from urllib.parse import urlsplit
 
+from filelock import Timeout
+
 from usbench import records
 from usbench.atomic import atomic_file
 from usbench.checks import install
@@ -24,7 +26,7 @@ from usbench.records import ConfigurationError, TrialConfig
 from usbench.trials import configuration
 from usbench.trials.callback import Silent
 from usbench.trials.finished import find_finished
-from usbench.trials.lock import locked
+from usbench.trials.lock import lock_of
 
 CONNECT_S = 5.0
 MAX_GREETING = 1_000_000
@@ -92,6 +94,8 @@ class Cluster(Executor):
         except KilledWorker as error:
             died = error.allowed_failures + 1
             ended.set_result(f"{died} workers died with it (killed, or out of memory)")
+        except Timeout:
+            ended.set_result("another process runs it here")
         except Exception as error:
             ended.set_exception(error)
         else:
@@ -228,13 +232,17 @@ def _files(folder: Path) -> dict[str, bytes]:
 
 
 def _bring(files: Files, config: TrialConfig, out: Path) -> None:
-    """Write the files of a trial into its folder in `out`, `trial.json` last."""
+    """Write the files of a trial into its folder in `out`, `trial.json` last.
+
+    Raises:
+        Timeout: If another process has the trial's lock: results of others are not held back for it.
+    """
     strange = [name for name in files if not any(PurePosixPath("/", name).match(f"/{own}") for own in FILES)]
     if strange:
         raise ValueError(f"a worker sent a file {strange[0]!r} that does not belong to a trial.")
     if not files:
         return
-    with locked(out / config.folder_name):
+    with lock_of(out / config.folder_name):
         if find_finished(config, out) is not None:  # by another sweep, meanwhile
             return
         folder = records.create(out, config)

@@ -158,11 +158,12 @@ def _of_evaluations(trial: Trial, evaluations: pd.DataFrame) -> list[str]:
     every = list(range(len(suite.evaluation_episodes(trial.config.task))))
     if evaluations.empty:
         return ["it has no evaluations."]
+    there = set(evaluations["checkpoint"])
     for greedy in (True, False):
         rows = evaluations[evaluations["deterministic"] == greedy]
         played = {point: sorted(own) for point, own in rows.groupby("checkpoint")["eval_episode"]}
-        is_at_points = {points[0], points[-1]} <= played.keys() <= set(points)
-        if not is_at_points or any(own != every for own in played.values()):
+        is_at_points = {points[0], points[-1]} <= there <= set(points)
+        if not is_at_points or played.keys() != there or any(own != every for own in played.values()):
             kind = "greedy" if greedy else "sampled"
             return [
                 f"its evaluations with {kind} actions are not the episodes 0 to {every[-1]}, each once, "

@@ -162,9 +162,10 @@ def serve(make: Callable[[Tell], Session], listener: socket.socket, *, browser: 
     print(f"The guide is at {url} (Ctrl-C ends it).", flush=True)
     # Without a screen, Python would start a browser in this terminal.
     on_screen = sys.platform != "linux" or bool({"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys())
-    with private_folder() as folder:
+    with contextlib.ExitStack() as held:
         desk.start(make, failed=lambda: setattr(running, "should_exit", True))
         if browser and on_screen:
+            folder = held.enter_context(private_folder())
             webbrowser.open(redirection(Path(folder), url))
         running.run(sockets=[listener])
     if desk.failure is not None:

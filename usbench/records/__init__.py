@@ -27,7 +27,7 @@ from usbench.records.folder import (
     unwritable,
     without_record,
 )
-from usbench.records.trial import EXPLORATION, Frames, Trial, load, load_trials, means
+from usbench.records.trial import EXPLORATION, Frames, Trial, TrialError, load, load_trials, means
 
 __all__ = [
     "CHECKPOINTS",
@@ -45,6 +45,7 @@ __all__ = [
     "Evaluation",
     "Frames",
     "Trial",
+    "TrialError",
     "TrialConfig",
     "create",
     "existing",

@@ -211,6 +211,10 @@ class Trial:
         return rows.assign(normalized_score=self.anchors.score(rows["return"]))
 
 
+class TrialError(RuntimeError):
+    """A trial that broke off; the message says where its records are and why."""
+
+
 def _are_numbers(values: pd.Series) -> bool:
     """Return whether all are finite numbers; so are none at all."""
     return values.empty or (is_numeric_dtype(values) and bool(np.isfinite(values).all()))

@@ -56,7 +56,7 @@ def parts(results: Results) -> dict[str, Results]:
 
 
 def prefix(part: str) -> str:
-    """Return what the names of the figures of a part begin with: nothing for the first part."""
+    """Return what the names of the figures of a part begin with: nothing for a part of the grid."""
     if part == OTHERS:
         return "other_"
     return f"{part}_" if part in further.names() else ""

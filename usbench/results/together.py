@@ -45,10 +45,11 @@ def sections(
             f"## Probability of improvement{where}",
             folded("Each agent beside each", improvement(list(learners), pairs)),
         ]
-    if len(learners) > 1 and min(map(len, learners.values())) >= ranking.MIN_SEEDS:
+    enough = {agent: finals for agent, finals in learners.items() if len(finals) >= ranking.MIN_SEEDS}
+    if len(enough) > 1:
         found += [
             f"## Stability of ranks{where}",
-            folded("Ranks without single cells and seeds", stability(learners)),
+            folded("Ranks without single cells and seeds", stability(enough)),
         ]
     return found
 

@@ -83,7 +83,8 @@ def expected(
         _, vec_env = recorded(setting, config.n_envs, lambda facts: None)
         agent = make_agent(setting, config.algo, vec_env, agent_seed, config.hyperparameters)
         vec_env.seed(env_seed)
-        if config.steps < FEWEST_UPDATES * rollout_steps(agent):
+        rollout = rollout_steps(agent) or setting.guidance.n_steps
+        if config.steps < FEWEST_UPDATES * rollout:
             return None
         each_step = _of_a_step(agent, config.steps)
         start = Seconds.now()

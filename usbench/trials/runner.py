@@ -17,7 +17,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 from usbench import records, suite
 from usbench.agents import zoo
 from usbench.atomic import move_whole, scratch_folder
-from usbench.records import Trial, TrialConfig, checksums
+from usbench.records import Trial, TrialConfig, TrialError, checksums
 from usbench.setting import Setting
 from usbench.trials import rehearsal
 from usbench.trials.callback import Progress, Silent
@@ -35,10 +35,6 @@ log = logging.getLogger(__name__)
 
 # Rows of the final table: what it is called there and the agent that plays it.
 REFERENCES = {"random": "random", "optimal": "oracle"}
-
-
-class TrialError(RuntimeError):
-    """A trial that broke off; the message says where its records are and why."""
 
 
 @dataclass(frozen=True)

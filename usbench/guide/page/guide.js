@@ -98,8 +98,8 @@ function change(choice, what) {
 }
 byId("sure-no").addEventListener("click", () => byId("sure").close());
 byId("sure").addEventListener("close", () => renderSettings(shown));
-const begin = () => send("begin", {});
-const follow = (since) => { if (shown.advice && !shown.study) send("follow", {}, since); };
+const begin = () => { if (shown && !(shown.study && (!shown.over || shown.ended))) send("begin", {}); };
+const follow = (since) => { if (shown?.advice && !shown.study) send("follow", {}, since); };
 
 function play() {
   if (!shown || shown.study) return;
@@ -220,7 +220,7 @@ function renderAdvice(state) {
   // A button that is disabled would lose the focus, and the space bar would move the probe.
   byId("follow").setAttribute("aria-disabled", String(!advice || study !== ""));
   byId("play").setAttribute("aria-disabled", String((!advice && !over) || study !== ""));
-  byId("begin").disabled = study !== "" && (!over || state.ended);
+  byId("begin").setAttribute("aria-disabled", String(study !== "" && (!over || state.ended)));
 }
 
 const minus = (text) => text.replaceAll("-", "\u2212");

@@ -189,6 +189,8 @@ def _trials(path: Path) -> list[dict[str, Any]]:
         if not _complete(first, 0, len(head["candidates"])):
             return []
         return [*first, *(last if _complete(last, LAST_RUNG, _search()["rungs"][0]["keep"]) else [])]
+    except ConfigurationError:
+        raise
     except (KeyError, TypeError, ValueError) as error:
         why = f"it has no {error}" if isinstance(error, KeyError) else error
         raise ConfigurationError(f"{str(path)!r} is not the record of a search: {why}.") from error
