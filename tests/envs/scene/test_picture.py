@@ -161,7 +161,6 @@ def test_a_frame_of_another_shape_is_refused():
         draw_scene(PHANTOM, Pose(), BLACK[:, :, np.newaxis])
 
 
-@pytest.mark.slow
 def test_a_picture_takes_less_than_15_ms():
     draw_scene(PHANTOM, Pose(), BLACK)
     times = []
