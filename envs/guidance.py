@@ -10,7 +10,7 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
-from usbench.checks import probability, unknown
+from usbench.checks import check_type, probability, unknown
 from usbench.coordinates import POSE
 from usbench.envs.bmode import Imaging
 from usbench.envs.frames import FrameStore, frame_store
@@ -297,11 +297,7 @@ class GuidanceEnv(gym.Env[Observation, int]):
 
 def _instance(name: str, value: T | None, default: T) -> T:
     """Return `value`, or `default` in place of None."""
-    if value is None:
-        return default
-    if not isinstance(value, type(default)):
-        raise TypeError(f"{name} must be of type {type(default).__name__}, not {reprlib.repr(value)}.")
-    return value
+    return default if value is None else check_type(name, value, type(default))
 
 
 def _difference(before: Pose, after: Pose, displacement: Move) -> dict[str, int]:

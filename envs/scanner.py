@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from usbench.checks import check_type
 from usbench.envs.bmode import DEFAULT_IMAGING, Imaging, simulated_bmode
 from usbench.envs.pose import Pose
 from usbench.envs.probe import DEFAULT_ARRAY, LinearArray, check_array
@@ -68,9 +69,8 @@ def acquire(
 
 def _check(phantom: object, pose: object, array: object, imaging: object) -> None:
     check_array(array)
-    for name, value, of_type in (("pose", pose, Pose), ("imaging", imaging, Imaging)):
-        if not isinstance(value, of_type):
-            raise TypeError(f"{name} must be of type {of_type.__name__}, not {reprlib.repr(value)}.")
+    check_type("pose", pose, Pose)
+    check_type("imaging", imaging, Imaging)
     if not callable(getattr(phantom, "in_view", None)):
         raise TypeError(
             f"phantom must be of type Phantom, Anatomy or PointScatterers, not {reprlib.repr(phantom)}."

@@ -14,10 +14,12 @@ import reprlib
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
     from pydantic import ValidationError
+
+T = TypeVar("T")
 
 
 class ConfigurationError(ValueError):
@@ -136,6 +138,17 @@ def whole_number(name: str, value: Any, low: float = -math.inf, high: float = ma
     if not is_whole or not low <= found <= high:
         raise ValueError(_refused(name, value, whole_interval(low, high)))
     return int(found)
+
+
+def check_type(name: str, value: object, allowed: type[T]) -> T:
+    """Return `value`.
+
+    Raises:
+        TypeError: If it is not of the type that is allowed.
+    """
+    if not isinstance(value, allowed):
+        raise TypeError(f"{name} must be of type {allowed.__name__}, not {reprlib.repr(value)}.")
+    return value
 
 
 def check_seed(seed: object) -> int:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import abc
-import reprlib
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 import numpy.typing as npt
 
+from usbench.checks import check_type
 from usbench.envs.anatomy.placement import Placement
 from usbench.envs.anatomy.volume import Volume
 from usbench.envs.anatomy.volume_file import read
@@ -52,10 +52,8 @@ class Anatomy(abc.ABC):
         Raises:
             TypeError: If `target` is no `Pose`, or `placement` no `Placement`.
         """
-        for name, of_type in (("target", Pose), ("placement", Placement)):
-            value = getattr(self, name)
-            if not isinstance(value, of_type):
-                raise TypeError(f"{name} must be of type {of_type.__name__}, not {reprlib.repr(value)}.")
+        check_type("target", self.target, Pose)
+        check_type("placement", self.placement, Placement)
 
     @classmethod
     def read(cls, path: str | Path, *, target: Pose | None = None, **settings: Any) -> Self:

@@ -170,14 +170,13 @@ def _terminable() -> Iterator[None]:
 
     A signal that is ignored, as by nohup, stays so.
     """
-    names = [name for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
-    numbers = [getattr(signal, name) for name in names]
+    numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
     before = {number: signal.getsignal(number) for number in numbers}
-    heard = [number for number in numbers if before[number] != signal.SIG_IGN]
+    heard = {number: handler for number, handler in before.items() if handler != signal.SIG_IGN}
     for number in heard:
         signal.signal(number, signal.default_int_handler)
     try:
         yield
     finally:
-        for number in heard:
-            signal.signal(number, before[number])
+        for number, handler in heard.items():
+            signal.signal(number, handler)
