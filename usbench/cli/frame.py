@@ -50,9 +50,14 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
     frame.add_argument(
         "--angle", type=number, default=0, metavar="DEG", help="clockwise from above (default 0)"
     )
-    frame.add_argument("--frequency", type=number, metavar="MHZ", help="centre frequency (default 3.5)")
     frame.add_argument(
-        "--dynamic-range", type=number, metavar="DB", help="shown below the maximum (default 60)"
+        "--frequency", type=number, metavar="MHZ", help="centre frequency (default: the probe's)"
+    )
+    frame.add_argument(
+        "--dynamic-range",
+        type=number,
+        metavar="DB",
+        help="shown below the maximum (default: as the task shows it, mostly 60)",
     )
     frame.add_argument("--task", metavar="NAME", help="whose phantom (default: that of fp and pp)")
     frame.add_argument(
@@ -67,7 +72,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         "--envelope", action="store_const", const="envelope", dest="kind", help="envelope of the scan lines"
     )
     kind.add_argument(
-        "--iq", action="store_const", const="iq", dest="kind", help="I/Q of the scan lines, as .npz or .uff"
+        "--iq", action="store_const", const="iq", dest="kind", help="I/Q of the scan lines, as numbers"
     )
     add_phantom(frame)
     frame.add_argument(
@@ -79,13 +84,17 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
     )
     add_probe_and_imaging(frame)
     frame.add_argument(
-        "--pixel", type=number, metavar="MM", help="edge of a pixel (default 1; 0.2 of a file)"
+        "--pixel",
+        type=number,
+        metavar="MM",
+        help="edge of a pixel (default: as the task has it, mostly 1; 0.2 for --scatterers)",
     )
     frame.add_argument(
         "--median",
         type=number,
         metavar="N",
-        help="edge of the median filter in pixels (default 5; 1 of a file)",
+        help="edge of the median filter in pixels (default: as the task has it, mostly 5; 1, which is none, "
+        "for --scatterers)",
     )
     frame.add_argument("--plain", action="store_true", help="the bare pixels, without axes")
     frame.add_argument(
@@ -93,7 +102,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="FILE",
         help=".png, .npy, .npz (with x and z), or .uff, which needs usbench[uff] (default: a .png named "
-        "after the pose)",
+        "after the pose); --iq has no .png and needs one of the others",
     )
     frame.set_defaults(call=_call, kind="frame")
 

@@ -34,7 +34,7 @@ def path(out: Path | None, kind: str, source: Source, pose: Pose, *, plain: bool
         raise ConfigurationError("only a frame as .png has bare pixels: everything else has none to show.")
     if kind == "iq" and out.suffix == ".png":
         raise ConfigurationError(
-            "I/Q has no picture of its own, which is that of the envelope: write .npz or .uff."
+            "I/Q has no picture of its own, which is that of the envelope: write .npy, .npz or .uff."
         )
     if out.suffix == ".uff":
         uff.check_installed()
