@@ -173,11 +173,8 @@ class Phantom:
         self, pose: Pose, half_width_m: float, half_thickness_m: float
     ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
         """Return positions (n, 3) m and amplitudes (n,) as seen from the probe: see `Scatterers`."""
-        positions = pose.to_probe(self.positions)
-        seen = (np.abs(positions[:, 0]) <= half_width_m) & (np.abs(positions[:, 1]) <= half_thickness_m)
-        seen &= positions[:, 2] > 0  # a scatterer at depth 0 has no echo
-        which = np.flatnonzero(seen)  # several times as fast as the mask
-        return positions.take(which, axis=0), self.amplitudes.take(which)
+        seen, which = pose.in_view(self.positions, half_width_m, half_thickness_m)
+        return seen, self.amplitudes.take(which)
 
 
 def keep_scatterers(n_phantoms: int) -> None:

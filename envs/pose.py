@@ -128,6 +128,25 @@ class Pose:
         x, y = points[:, 0] - self.x_mm * 1e-3, points[:, 1]
         return np.stack([cosine * x + sine * y, cosine * y - sine * x, points[:, 2]], axis=1)
 
+    def in_view(
+        self, positions: npt.ArrayLike, half_width_m: float, half_thickness_m: float
+    ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.intp]]:
+        """Return which positions of the phantom (n, 3) m are in view, as seen from the probe.
+
+        Args:
+            positions: In the phantom's axes, (n, 3) m.
+            half_width_m: How far the view reaches from the probe's centre along the array.
+            half_thickness_m: How far it reaches from the image plane.
+
+        Returns:
+            The positions in view in the probe's axes, (m, 3) m, and their places among all, (m,).
+        """
+        seen = self.to_probe(positions)
+        inside = (np.abs(seen[:, 0]) <= half_width_m) & (np.abs(seen[:, 1]) <= half_thickness_m)
+        inside &= seen[:, 2] > 0  # a scatterer at depth 0 has no echo
+        which = np.flatnonzero(inside)  # several times as fast as the mask
+        return seen.take(which, axis=0), which
+
 
 def coordinates(pose: Pose) -> tuple[str, ...]:
     """Return the names of a pose's coordinates; a `Setup` has more than a plain one."""

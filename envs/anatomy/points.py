@@ -82,10 +82,8 @@ class PointScatterers:
 
     def in_view(self, pose: Pose, half_width_m: float, half_thickness_m: float) -> tuple[Array, Array]:
         """Return positions (n, 3) m and amplitudes (n,) as seen from the probe: see `Scatterers`."""
-        positions = pose.to_probe(self.positions)
-        seen = (np.abs(positions[:, 0]) <= half_width_m) & (np.abs(positions[:, 1]) <= half_thickness_m)
-        seen &= positions[:, 2] > 0
-        return positions[seen], self.amplitudes[seen]
+        seen, which = pose.in_view(self.positions, half_width_m, half_thickness_m)
+        return seen, self.amplitudes.take(which)
 
 
 def read_points(path: str | Path, tell: Callable[[str], Any] | None = None) -> PointScatterers:

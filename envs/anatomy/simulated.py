@@ -56,11 +56,9 @@ class Echogenicity(Anatomy):
 
     def in_view(self, pose: Pose, half_width_m: float, half_thickness_m: float) -> tuple[Array, Array]:
         """Return positions (n, 3) m and amplitudes (n,) as seen from the probe: see `Scatterers`."""
-        tissue, amplitudes = _scatterers(self)
-        positions = pose.to_probe(tissue)
-        seen = (np.abs(positions[:, 0]) <= half_width_m) & (np.abs(positions[:, 1]) <= half_thickness_m)
-        seen &= positions[:, 2] > 0  # a scatterer at depth 0 has no echo
-        return positions[seen], amplitudes[seen]
+        positions, amplitudes = _scatterers(self)
+        seen, which = pose.in_view(positions, half_width_m, half_thickness_m)
+        return seen, amplitudes.take(which)
 
     def recorded_frame(self, pose: Pose, shape: tuple[int, int], pixel_size: float) -> None:
         """Return None: frames are simulated."""
