@@ -107,11 +107,11 @@ KINDS = (
 def ceiling(kind: Knowledge, known: hypotheses.Hypotheses, beginnings: int) -> float:
     """Return the score that the best policy with this knowledge reaches, or the best that was found."""
     if kind.n_frames is None:
-        return known.score(beliefs.best_return(known, kind.senses))
+        return known.anchors.score(beliefs.best_return(known, kind.senses))
     past = memoryless.histories(known, kind.senses, kind.n_frames, kind.with_actions)
     n_steps = known.task.n_steps
     found = [memoryless.found_return(past, n_steps, np.random.default_rng(k)) for k in range(beginnings)]
-    return known.score(max(found))
+    return known.anchors.score(max(found))
 
 
 def real_eyes(ideal: hypotheses.Hypotheses, n_phantoms: int, error: float) -> hypotheses.Hypotheses:

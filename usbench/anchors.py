@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeVar
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Self, TypeVar
 
 if TYPE_CHECKING:
     import numpy as np
@@ -25,6 +26,19 @@ class Anchors:
     optimal: float
     random: float
     stay: float
+
+    @classmethod
+    def mean(cls, several: Sequence[Self], weights: Sequence[float] | None = None) -> Self:
+        """Return the means of the expected returns, weighted where there are weights."""
+        import numpy as np  # records are read without it
+
+        names = [field.name for field in fields(cls)]
+        return cls(
+            **{
+                name: float(np.average([getattr(one, name) for one in several], weights=weights))
+                for name in names
+            }
+        )
 
     def score(self, return_: Return) -> Return:
         """Return the normalised score of a return or of an array of returns: 0 is random, 1 is optimal."""

@@ -8,12 +8,11 @@ import reprlib
 import warnings
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, TypeVar
 
 import gymnasium as gym
-import numpy as np
 from gymnasium.envs.registration import load_env_creator
 from gymnasium.vector import AutoresetMode
 
@@ -225,11 +224,8 @@ class Setting:
             number = episode.phantom
             phantom = phantoms[0] if number is None else plain.phantoms.phantom(number)
             starts[phantom.target].append(episode.start)
-        found = [asdict(self.process(target).returns(tuple(own))) for target, own in starts.items()]
-        weights = [len(own) for own in starts.values()]
-        return Anchors(
-            **{name: float(np.average([one[name] for one in found], weights=weights)) for name in found[0]}
-        )
+        found = [self.process(target).returns(tuple(own)) for target, own in starts.items()]
+        return Anchors.mean(found, weights=[len(own) for own in starts.values()])
 
     def process(self, target: Pose = oracle.PAPER_TARGET) -> oracle.DecisionProcess:
         """Return the task as a Markov decision process; rewards from frames are those of this setting."""

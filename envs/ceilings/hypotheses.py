@@ -16,6 +16,7 @@ from itertools import product
 import numpy as np
 import numpy.typing as npt
 
+from usbench.anchors import Anchors
 from usbench.envs import oracle
 from usbench.envs.bmode import DEFAULT_IMAGING
 from usbench.envs.observation import senses as sensing
@@ -105,15 +106,10 @@ class Hypotheses:
         return np.asarray(np.unique(both, return_inverse=True)[1].ravel(), dtype=np.int64)
 
     @cached_property
-    def anchors(self) -> tuple[float, float]:
-        """Mean returns over the starts of random actions and of the best policy that knows all."""
+    def anchors(self) -> Anchors:
+        """Mean returns over the starts and targets, between which scores are measured."""
         found = [oracle.returns(self.task, target=target, starts=self.task.starts) for target in self.targets]
-        return float(np.mean([one.random for one in found])), float(np.mean([one.optimal for one in found]))
-
-    def score(self, mean_return: float) -> float:
-        """Return a mean return over the starts as a score: 0 for random actions, 1 for the best policy."""
-        random, optimal = self.anchors
-        return (mean_return - random) / (optimal - random)
+        return Anchors.mean(found)
 
 
 def of_distribution(task: Task, phantoms: PhantomDistribution) -> Hypotheses:

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import sparse
 
+from usbench.anchors import Anchors
 from usbench.checks import probability
 from usbench.envs import oracle
 from usbench.envs.ceilings import hypotheses
@@ -102,10 +103,7 @@ class Teacher:
             for target in self.known.targets
             for depth in depths
         ]
-        random, optimal = (
-            float(np.mean([getattr(one, name) for one in found])) for name in ("random", "optimal")
-        )
-        return (self.best_return - random) / (optimal - random)
+        return Anchors.mean(found).score(self.best_return)
 
     @cached_property
     def known(self) -> Hypotheses:

@@ -61,9 +61,9 @@ def test_the_best_policy_with_memory_is_that_of_brute_force(small, senses):
 def test_who_sees_all_scores_one_and_who_sees_nothing_does_as_blind_plans_do(small):
     n = small.seen.size
     all_seen = hypotheses.Hypotheses(small.task, small.targets, np.arange(n).reshape(small.seen.shape))
-    assert all_seen.score(beliefs.best_return(all_seen, ())) == pytest.approx(1)
+    assert all_seen.anchors.score(beliefs.best_return(all_seen, ())) == pytest.approx(1)
     found = memoryless.found_return(memoryless.histories(all_seen, ()), 3, np.random.default_rng(0))
-    assert all_seen.score(found) == pytest.approx(1, abs=2e-3)
+    assert all_seen.anchors.score(found) == pytest.approx(1, abs=2e-3)
 
     blind = hypotheses.Hypotheses(small.task, small.targets, np.zeros_like(small.seen))
     plans = []
@@ -84,7 +84,7 @@ def test_more_knowledge_is_never_worse_and_memory_bounds_what_has_none(whole):
     for senses, n_frames in (((), 1), (("heading",), 1), ((), 2)):
         past = memoryless.histories(whole, senses, n_frames, with_actions=n_frames > 1)
         found = memoryless.found_return(past, whole.task.n_steps, np.random.default_rng(0), 60)
-        assert whole.anchors[0] < found <= beliefs.best_return(whole, senses) + 1e-9
+        assert whole.anchors.random < found <= beliefs.best_return(whole, senses) + 1e-9
 
 
 def test_one_frame_may_come_with_the_action_before_it_and_nothing_else(small):

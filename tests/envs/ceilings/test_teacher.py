@@ -96,7 +96,7 @@ def test_value_is_the_ceiling(teacher):
 
 
 def test_its_score_has_the_anchors_of_all_objects(teacher):
-    assert teacher.best_score == pytest.approx(teacher.known.score(teacher.best_return))
+    assert teacher.best_score == pytest.approx(teacher.known.anchors.score(teacher.best_return))
     # One place of the object, which whoever is told the pose therefore knows but for its depth, on sight.
     one = Teacher(SMALL, replace(FEW, angle_deg=(0,)), ("position", "focus", "heading"), 0.5)
     assert 0.9 < one.best_score <= 1
@@ -120,7 +120,7 @@ def test_episodes_played_by_its_advice_lose_next_to_nothing_of_the_ceiling(teach
         ]
         known = teacher.following(known, actions, [info(*place) for place in places])
         returns += [task.reward(pose, target, "normalized") for pose, target in places]
-    lost = teacher.best_score - teacher.known.score(returns.mean())
+    lost = teacher.best_score - teacher.known.anchors.score(returns.mean())
     assert -1e-9 < lost < 5e-3
 
 
