@@ -27,6 +27,14 @@ def test_scratch_folder_is_gone_afterwards_and_what_was_moved_stays(tmp_path):
     assert os.listdir(tmp_path) == ["model.a"]
 
 
+@pytest.mark.parametrize("writer", [atomic_file, scratch_folder])
+def test_errors_name_the_file_that_was_asked_for(writer, tmp_path):
+    path = tmp_path / "missing" / "file"
+    with pytest.raises(FileNotFoundError) as refused, writer(path):
+        pass
+    assert refused.value.filename == str(path)
+
+
 def test_folder_is_moved_in_place_of_a_folder(tmp_path):
     for name in ("old", "new"):
         (tmp_path / name).mkdir()

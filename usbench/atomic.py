@@ -18,7 +18,8 @@ LEFT_BEHIND_S = 3600.0
 def atomic_path(path: Path) -> Iterator[Path]:
     """Yield a name to write to; what was written appears at `path` whole or not at all, whatever happens."""
     remove_leftovers(path.parent, f".{glob.escape(path.name)}.*.part", LEFT_BEHIND_S)
-    descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
+    with _named_in_errors(path):
+        descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
     os.close(descriptor)
     temporary = Path(name)
     try:
@@ -46,7 +47,8 @@ def scratch_folder(path: Path) -> Iterator[Path]:
     The folder is for writers that choose the names of their files themselves.
     """
     remove_leftovers(path.parent, f".{glob.escape(path.name)}.*.part", LEFT_BEHIND_S)
-    folder = Path(tempfile.mkdtemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part"))
+    with _named_in_errors(path):
+        folder = Path(tempfile.mkdtemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part"))
     try:
         yield folder
     finally:
@@ -68,6 +70,15 @@ def remove_leftovers(folder: Path, pattern: str = ".*.part", older_s: float = 0.
         with contextlib.suppress(OSError):
             if time.time() - path.stat().st_mtime >= older_s:
                 shutil.rmtree(path) if path.is_dir() else path.unlink()
+
+
+@contextlib.contextmanager
+def _named_in_errors(path: Path) -> Iterator[None]:
+    """Let errors name `path`, which was asked for, rather than the temporary name beside it."""
+    try:
+        yield
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from None
 
 
 def _sync(path: Path) -> None:

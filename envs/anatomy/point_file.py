@@ -84,6 +84,8 @@ def _csv(path: Path) -> dict[str, npt.NDArray[np.float64]]:
     if not isinstance(table.index, pd.RangeIndex):  # what pandas makes of values without a name
         raise ValueError(f"its lines have more values than its header has names ({len(table.columns)}).")
     table.columns = [str(name).strip() for name in table.columns]
+    if pd.to_numeric(table.columns, errors="coerce").notna().all():
+        raise ValueError(f"its first line must name the columns ({', '.join(NAMES)}), not hold numbers.")
     chosen = _chosen(list(table.columns))
     return {name: pd.to_numeric(table[name], errors="coerce").to_numpy(np.float64) for name in chosen}
 

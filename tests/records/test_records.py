@@ -116,7 +116,12 @@ def test_a_trial_that_is_the_present_folder_has_its_name(tmp_path, monkeypatch):
 
 
 def test_load_of_an_empty_folder_is_an_empty_table(tmp_path):
-    assert records.load(tmp_path).empty
+    columns = list(records.load(trial(tmp_path / "full")).columns)
+    for table in ("evaluations", "episodes"):
+        empty = records.load(tmp_path, table)
+        assert empty.empty and set(empty.columns) <= set(columns)
+        assert list(empty.columns[:6]) == columns[:6] and empty.columns[-1] == columns[-1]
+        assert empty.groupby("algo")["normalized_score"].mean().empty
 
 
 def test_load_refuses_a_missing_folder(tmp_path):

@@ -38,6 +38,8 @@ NUMBERS = {
 }
 # Of each line too, though it need be no number: the goal may not have been reached.
 TO_GOAL = "steps_to_goal"
+# What of a trial's configuration each row of a table tells.
+CELL = ("task", "noise", "algo", "seed")
 # The hyperparameter of this package's value-based agents by which they explore.
 EXPLORATION = "exploration_final_eps"
 # None that leads elsewhere.
@@ -245,7 +247,8 @@ def load(
     """Read the episodes of every trial in `runs` into one table, one row per episode.
 
     Columns of the trial (`trial`, `task`, `noise`, `algo`, `seed`, `status`) come first, then the record's
-    own keys, then `normalized_score`: (return - random) / (optimal - random).
+    own keys, then `normalized_score`: (return - random) / (optimal - random). Without episodes there are the
+    columns that every trial has, and no row.
 
     Raises:
         ValueError: If `table` is unknown or a record is damaged.
@@ -258,11 +261,14 @@ def load(
         rows = trial.evaluations() if table == "evaluations" else trial.episodes()
         if rows.empty:
             continue
-        cell = {key: getattr(trial.config, key) for key in ("task", "noise", "algo", "seed")}
+        cell = {key: getattr(trial.config, key) for key in CELL}
         for column, value in reversed({"trial": trial.name, **cell, "status": trial.status}.items()):
             rows.insert(0, column, value)
         parts.append(rows)
-    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame()
+    if not parts:
+        own = NUMBERS[EVALUATIONS if table == "evaluations" else EPISODES]
+        return pd.DataFrame(columns=["trial", *CELL, "status", *own, TO_GOAL, "normalized_score"])
+    return pd.concat(parts, ignore_index=True)
 
 
 def means(evaluations: pd.DataFrame) -> dict[str, float]:

@@ -86,6 +86,11 @@ def test_what_is_out_of_view_is_left_out():
         ("x,y,z,amplitude\n0,0,0.03,1\n0,0,nan,1\n", "z of scatterer 2 must be a finite number."),
         ("x,y,z,amplitude\n0,0,0.03,loud\n", "amplitude of scatterer 1 must be a finite number."),
         ("x,y,z,amplitude\n", "it has no scatterer."),
+        (
+            "1,2,30,1\n2,0,35,1\n",
+            "its first line must name the columns (x, y, z, amplitude), not hold numbers.",
+        ),
+        ("0,0,0.03,0\n2,0,35,1\n", "its first line must name the columns"),
         ("", "it is empty."),
         ("x,y,z,amplitude\n0,0,0.03,1\n0,0,0.03,1,5,6\n", "it is no table of numbers"),
         # The first value would become an index, and the others would have the wrong names.
