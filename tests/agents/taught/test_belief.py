@@ -70,7 +70,7 @@ def test_with_ideal_eyes_it_reaches_every_goal():
         targets = [model._known.targets[place] for place in places]
         total += [task.reward(pose, one, "normalized") for pose, one in zip(at, targets, strict=True)]
     assert all(task.is_success(pose, one) for pose, one in zip(at, targets, strict=True))
-    assert model._known.score(total.mean()) > 0.97
+    assert model._known.anchors.score(total.mean()) > 0.97
 
 
 def test_a_frame_of_the_same_pose_tells_nothing_twice(agent):
