@@ -2,9 +2,9 @@
 
 Trains `double_dqn` on `pp-tracked` with one thing changed at a time (ablations), on fixed sets of phantoms,
 `distilled` beside it (the gap between known and unseen ones), and with more steps (scaling). Trials go into a
-folder; what is finished there is not run again. The numbers of every finished trial are added to a CSV, from
-which tables are printed and figures are drawn. Seeds are those for development: no leaderboard takes these
-trials.
+folder. The numbers of every finished trial are added to a CSV, from which tables are printed and figures are
+drawn; what is finished in the folder, or stands in the CSV, is not trained again. Seeds are those for
+development: no leaderboard takes these trials.
 """
 
 import argparse
@@ -20,6 +20,7 @@ from unseen_phantoms.measuring import measured
 from unseen_phantoms.studies import STUDIES, TASK, Study, Variant
 
 from usbench import seed_pools, suite
+from usbench.checks import unknown
 from usbench.cli.output import sweep_output
 from usbench.compare import plan, sweep
 from usbench.compare.sweep import Outcome
@@ -54,10 +55,15 @@ def run(table: str, study: Study, out: Path, csv: Path, jobs: int) -> None:
         RuntimeError: If a trial failed.
     """
     planned: dict[str, tuple[TrialConfig, Variant]] = {}
+    known = recorded(csv)
     for seed, steps, variant in product(range(study.n_seeds), study.steps, study.variants):
         config = variant.config(steps, seed)
         _check_steps(config)
-        planned[config.folder_name] = config, variant
+        if config.folder_name in known:
+            row = known[config.folder_name]
+            trial_table.add(csv, replace(row, table=table, variant=variant.title))
+        else:
+            planned[config.folder_name] = config, variant
     missing = set(planned)
 
     def add(config: TrialConfig) -> None:
@@ -72,6 +78,16 @@ def run(table: str, study: Study, out: Path, csv: Path, jobs: int) -> None:
             add(outcome.config)
     if failed := sweep_output.failures(outcomes):
         raise RuntimeError("; ".join(failed))
+
+
+def recorded(csv: Path) -> dict[str, trial_table.Row]:
+    """Return the rows of a CSV by the names of their trials' folders; tables may share a trial."""
+    found = {}
+    for row in trial_table.rows(csv):
+        for variant in STUDIES[row.table].variants if row.table in STUDIES else ():
+            if (variant.title, variant.n_phantoms) == (row.variant, row.phantoms):
+                found[variant.config(row.steps, row.seed).folder_name] = row
+    return found
 
 
 def _check_steps(config: TrialConfig) -> None:
@@ -97,6 +113,7 @@ def main() -> None:
     """Train what is missing and print the tables that are asked for, or draw the figures."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--tables", nargs="+", choices=STUDIES, default=list(STUDIES))
+    parser.add_argument("--rows", nargs="+", metavar="ROW", help="rows of the tables (by default all)")
     parser.add_argument("--steps", type=int, nargs="+", help="training steps (by default the table's own)")
     parser.add_argument("--seeds", type=int, help="development seeds per row (by default the table's own)")
     parser.add_argument("--jobs", type=int, default=n_threads(), help="trials at a time (default all cores)")
@@ -116,8 +133,9 @@ def main() -> None:
         print(*drawing.write(trial_table.read(args.csv), args.figures), sep="\n")
         return
     try:
+        _check_rows(args.tables, args.rows or ())
         for table in args.tables:
-            study = asked(STUDIES[table], args.steps, args.seeds)
+            study = asked(STUDIES[table], args.steps, args.seeds, args.rows)
             run(table, study, args.out, args.csv, plan.positive("jobs", args.jobs))
             show(table, study, args.csv)
     except KeyboardInterrupt:
@@ -128,12 +146,24 @@ def main() -> None:
         sys.exit(f"{error}; the same command tries again.")
 
 
-def asked(study: Study, steps: Sequence[int] | None, n_seeds: int | None) -> Study:
-    """Return a study with other steps or seeds, where they are not None.
+def _check_rows(tables: Sequence[str], rows: Sequence[str]) -> None:
+    """Raise ConfigurationError unless one of the tables has each of the rows."""
+    titles = list(dict.fromkeys(one.title for table in tables for one in STUDIES[table].variants))
+    for row in rows:
+        if row not in titles:
+            raise ConfigurationError(str(unknown("row", row, titles)))
+
+
+def asked(
+    study: Study, steps: Sequence[int] | None, n_seeds: int | None, rows: Sequence[str] | None
+) -> Study:
+    """Return a study with other steps or seeds, or with some of its rows, where they are not None.
 
     Raises:
         ConfigurationError: If a value is not allowed.
     """
+    if rows is not None:
+        study = replace(study, variants=tuple(one for one in study.variants if one.title in rows))
     if steps is not None:
         study = replace(study, steps=tuple(plan.positive("steps", own) for own in steps))
     if n_seeds is not None:

@@ -18,7 +18,7 @@ def measured(table: str, variant: Variant, trial: Trial) -> Row:
     return Row(
         table=table,
         variant=variant.title,
-        phantoms=variant.setting.get("n_phantoms"),
+        phantoms=variant.n_phantoms,
         steps=trial.config.steps,
         seed=trial.config.seed,
         digest=phantoms.get("digest", ""),

@@ -25,6 +25,11 @@ class Variant:
     overrides: Mapping[str, Any] = field(default_factory=dict)
     setting: Mapping[str, Any] = field(default_factory=dict)
 
+    @property
+    def n_phantoms(self) -> int | None:
+        """How many training phantoms there are, None for a new one in every episode."""
+        return self.setting.get("n_phantoms")
+
     def config(self, steps: int, seed: int) -> TrialConfig:
         """Return the configuration of one of its trials."""
         own = {**SETTING, **self.setting}

@@ -62,6 +62,14 @@ def read(path: Path) -> pd.DataFrame:
     return rows
 
 
+def rows(path: Path) -> list[Row]:
+    """Return what `read` does as rows."""
+    found = read(path).astype({"phantoms": object}).to_dict("records")
+    return [
+        Row(**one | {"phantoms": None if pd.isna(one["phantoms"]) else int(one["phantoms"])}) for one in found
+    ]
+
+
 def add(path: Path, row: Row) -> None:
     """Add a row to the CSV, which is made if need be; a row of the same trial is replaced.
 

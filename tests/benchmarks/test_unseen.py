@@ -1,5 +1,6 @@
 """The program behind `make unseen`: what it trains, keeps, prints and draws."""
 
+import shutil
 import sys
 from dataclasses import replace
 from functools import partial
@@ -55,6 +56,23 @@ def test_trials_are_run_once_and_printed_in_the_order_of_the_study(small, call, 
     assert [model.stat().st_mtime_ns for model in models] == before
 
 
+def test_what_stands_in_the_csv_is_not_trained_again(small, call, monkeypatch, tmp_path):
+    rows = call("--tables", "gap", "--rows", "b", "--seeds", 1)
+    assert list(rows["variant"]) == ["b"]
+    shutil.rmtree(tmp_path / "runs")
+    # The same trial has another title in another table.
+    study = replace(small, variants=(Variant("as it is"), Variant("one frame", setting={"n_frames": 1})))
+    monkeypatch.setitem(unseen.STUDIES, "ablations", study)
+    shared = call("--tables", "gap", "ablations", "--rows", "b", "as it is", "--seeds", 1)
+    assert not list((tmp_path / "runs").glob("*/model.zip"))
+    assert list(shared["table"]) == ["ablations", "gap"] and set(shared["variant"]) == {"as it is", "b"}
+    assert (
+        shared.drop(columns=["table", "variant"])
+        .drop_duplicates()
+        .equals(rows.drop(columns=["table", "variant"]))
+    )
+
+
 def test_ctrl_c_loses_no_finished_trial(small, call, monkeypatch, tmp_path):
     def measured(table, variant, trial):
         if trial.config.seed == 1:
@@ -105,6 +123,13 @@ def test_numbers_that_train_nothing_are_refused(call, capsys, option, value, sai
     with pytest.raises(SystemExit):
         call("--tables", "gap", option, value)
     assert f"error: {said}" in capsys.readouterr().err
+
+
+def test_rows_that_no_table_has_are_refused(call, capsys):
+    with pytest.raises(SystemExit):
+        call("--tables", "ablations", "--rows", "no norms")
+    told = capsys.readouterr().err
+    assert "error: unknown row 'no norms' (did you mean 'no norm'?): allowed are 'as it is'," in told
 
 
 def test_seeds_of_comparisons_are_refused(call, capsys):
