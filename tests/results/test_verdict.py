@@ -167,6 +167,13 @@ def test_all_cells_of_the_protocol_and_cells_beside_it_are_counted():
         assert second.startswith("There, other" if "of the 6" in words else "Other")
 
 
+def test_a_further_table_alone_is_named():
+    one_frame = {"settings": '{"environment": "e", "n_frames": 1}'}
+    first, second, _ = sentences(*seeds("vpg", LOW, **one_frame), *seeds("ppo", HIGH, **one_frame))
+    assert "over 1 cell of the further table single-frames (fp, noise 0) with 5 seeds" in first
+    assert second.startswith("There, other methods do better")
+
+
 def test_a_short_budget_is_a_first_look():
     trials = [*seeds("vpg", LOW, steps=1024), *seeds("ppo", HIGH, steps=1024)]
     first, second, _ = sentences(*trials)

@@ -91,13 +91,14 @@ def sentences(known: Results, tested: pd.DataFrame | None = None) -> list[str]:
     cells = scores.cells_of(learning)
     table = ranking.overall(kept).set_index("agent")
     reasons = [*_short(learning, kept), *([] if enough else [_few(waiting)]), *_seen(learning, kept)]
-    where = _where(cells)
+    table_name = next(iter(further.split(own)))
+    where = _where(cells, table_name)
     if reasons:
         found = [_first_look(table, reasons, where)]
     else:
         pairs = ranking.improvement(kept)
         ranked = _Ranked(table, ranking.above(pairs), pairs)
-        found = [_highest(ranked, where), *_against_the_papers_own(ranked, _is_part(cells))]
+        found = [_highest(ranked, where), *_against_the_papers_own(ranked, _is_part(cells, table_name))]
         named_here = {str(table.index[0]), PAPERS_OWN, PAPERS_OWN_TUNED}
         fewer = [two for two in sorted(ranking.above_by_cells_alone(pairs)) if named_here & {*two}]
         if fewer:
@@ -127,15 +128,19 @@ def _seen(learning: pd.DataFrame, agents: Collection[str]) -> list[str]:
     return [f"seeds that are not kept for comparisons ({', '.join(map(str, others))})"] if others else []
 
 
-def _is_part(cells: Sequence[scores.Cell]) -> bool:
-    """Return whether `cells` are some of the grid of the protocol, and not all of them."""
-    return set(cells) < further.grid_cells()
+def _is_part(cells: Sequence[scores.Cell], table: str) -> bool:
+    """Return whether `cells` of a table are not the whole grid of the protocol."""
+    return table != further.GRID or set(cells) < further.grid_cells()
 
 
-def _where(cells: Sequence[scores.Cell]) -> str:
-    """Return in words over which cells scores are."""
-    if _is_part(cells):
-        listed = "; ".join(cell.name for cell in cells)
+def _where(cells: Sequence[scores.Cell], table: str) -> str:
+    """Return in words over which cells of a table scores are."""
+    listed = "; ".join(cell.name for cell in cells)
+    if table != further.GRID:
+        return (
+            f"{len(cells)} {'cell' if len(cells) == 1 else 'cells'} of the further table {table} ({listed})"
+        )
+    if _is_part(cells, table):
         return f"{len(cells)} of the {len(further.grid_cells())} cells of the protocol ({listed})"
     return "the only cell" if len(cells) == 1 else f"{len(cells)} cells"
 
