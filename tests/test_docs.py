@@ -137,6 +137,22 @@ def test_the_readme_says_the_numbers_of_the_tables():
     assert exact and f"**{float(exact[1]):.4f}**" in words
 
 
+def test_the_page_of_failures_says_the_numbers_of_the_second_network():
+    page = (ROOT / "docs" / "failures.md").read_text().split("## A second network")[1].split("\n## ")[0]
+    rows = re.findall(r"^\| `([\w-]+)` \| (.*) \|$", page, re.MULTILINE)
+    assert len(rows) == 8
+    scores = pd.read_csv(ROOT / "scores.csv").query("actions == 'greedy' and noise == 0")
+    by_cell = scores.set_index(["agent", "task", "table"])[["score", "score_low", "score_high"]]
+    for agent, cells in rows:
+        own = [
+            by_cell.loc[(name, task, table)]
+            for task in ("fp", "pp")
+            for name, table in ((agent, "grid"), (f"{agent}+residual", "second-network"))
+        ]
+        expected = [f"{cell.iloc[0]:.2f} [{cell.iloc[1]:.2f}, {cell.iloc[2]:.2f}]" for cell in own]
+        assert cells.split(" | ") == expected
+
+
 def test_the_blocks_of_the_readme_run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     for block in blocks(ROOT / "README.md", "python"):
