@@ -27,6 +27,8 @@ N_THRESHOLDS = 141
 REFERENCES = ("oracle", "random", "stay")
 # Without caps, which would lengthen an interval.
 BAR: dict[str, Any] = {"linewidth": 4, "solid_capstyle": "butt"}
+# With a rim, by which it stands out from the bar of the same colour.
+MEAN: dict[str, Any] = {"markersize": 6, "markeredgecolor": "white", "markeredgewidth": 0.6}
 # Height in inches of panels that are all in one row, so that the label of their axis fits beside them.
 SINGLE_ROW = 3.2
 # Of an agent's name in a line beside a panel: names with settings would take the panel's place.
@@ -240,7 +242,7 @@ def _score_row(axis: Any, height: float, matrix: stats.Array, look: Mapping[str,
     axis.plot(seeds, np.full(len(seeds), height + 0.28), "o", color="0.4", fillstyle="none", ms=3, mew=0.8)
     axis.plot([max(interval.low, 0), max(interval.high, 0)], [height, height], color=look["color"], **BAR)
     if interval.estimate >= 0:
-        axis.plot(interval.estimate, height, look["marker"], color=look["color"], markersize=6)
+        axis.plot(interval.estimate, height, look["marker"], color=look["color"], **MEAN)
     lowest = min(float(matrix.min()), float(interval.estimate))
     score_axis.mark_lowest(axis, height, lowest, look["color"])
 
