@@ -8,6 +8,7 @@ from usbench.compare import expected
 from usbench.compare.expected import End, Expected
 from usbench.results import published, tables
 from usbench.trials.configuration import resolve
+from usbench.trials.resume_files import ResumeFiles
 
 
 @pytest.fixture
@@ -32,6 +33,18 @@ def test_before_the_first_trial_the_published_ones_tell_how_long(tmp_path):
     told = expected.trials([reference, learner], tmp_path / "runs", 1)
     assert told.each == {reference.folder_name: 0.0, learner.folder_name: pytest.approx(40)}
     assert told.told and told.published
+
+
+@pytest.mark.usefixtures("two_of_ppo")
+def test_a_stopped_trial_is_expected_to_take_what_is_left_of_it(tmp_path):
+    fresh, stopped, played = (resolve("ppo", "pp", seed=seed, steps=2000) for seed in range(3))
+    for config, steps in ((stopped, (500, 1500)), (played, (2000,))):
+        (tmp_path / config.folder_name).mkdir()
+        files = ResumeFiles(tmp_path / config.folder_name, 0.0)
+        for step in steps:
+            files.write(step, {})
+    told = expected.trials([fresh, stopped, played], tmp_path, 1)
+    assert list(told.each.values()) == pytest.approx([40, 10, 0])
 
 
 def test_own_algorithms_of_which_no_record_tells_are_taken_for_equal(tmp_path):

@@ -10,6 +10,7 @@ from typing import NamedTuple
 from usbench import records
 from usbench.records import Trial, TrialConfig
 from usbench.results import published, tables
+from usbench.trials.resume_files import ResumeFiles
 
 # Algorithm and training steps, on which it depends most how long a trial takes.
 Kind = tuple[str, int]
@@ -77,19 +78,17 @@ def trials(missing: Sequence[TrialConfig], out: Path, jobs: int) -> Expected:
     """Return how long trials will take, `jobs` at a time.
 
     Finished trials of the same algorithms and steps tell that `out` holds; else the published trials do.
-    Agents that do not learn take no time to speak of.
+    Agents that do not learn take no time to speak of, and a trial that was stopped goes on where it was.
     """
     kinds = {(config.algo, config.steps) for config in missing if config.steps}
     known: Mapping[Kind, float] | None = _finished(out)
     own = kinds <= set(known or {})
     if not own:
         known = by_published(kinds)
-    each = {
-        config.folder_name: (1.0 if known is None else known[config.algo, config.steps])
-        if config.steps
-        else 0.0
-        for config in missing
-    }
+    each = {}
+    for config in missing:
+        whole = 1.0 if known is None or not config.steps else known[config.algo, config.steps]
+        each[config.folder_name] = whole * _share_left(config, out)
     return Expected(each, jobs, told=known is not None, published=not own and known is not None)
 
 
@@ -110,6 +109,13 @@ def by_published(kinds: Collection[Kind]) -> dict[Kind, float] | None:
         (algo, steps): steps * float(means.loc[algo, "step_s"]) + float(means.loc[algo, "rest_s"])
         for algo, steps in kinds
     }
+
+
+def _share_left(config: TrialConfig, out: Path) -> float:
+    """Return how much of its training a trial has still to do, from 0 to 1."""
+    if not config.steps:
+        return 0.0
+    return max(1 - ResumeFiles(out / config.folder_name, 0.0).step() / config.steps, 0.0)
 
 
 def _finished(out: Path) -> dict[Kind, float]:

@@ -60,6 +60,10 @@ class ResumeFiles:
         """Return the files that there are, newest first."""
         return sorted(self._folder.glob("*.pt"), reverse=True)
 
+    def step(self) -> int:
+        """Return the training step of the newest file, 0 where there is none."""
+        return next((int(path.stem) for path in self.paths() if path.stem.isdigit()), 0)
+
     def due(self) -> bool:
         """Return whether it is time for the next one; the first is due at once."""
         return time.monotonic() - self._written >= self._seconds
