@@ -5,6 +5,7 @@ import glob
 import os
 import shutil
 import tempfile
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,6 +13,8 @@ from typing import IO
 
 # A file is written in seconds: a temporary one that old was left behind by a process that was killed.
 LEFT_BEHIND_S = 3600.0
+# Held while the umask is asked for, which also sets it: it is the whole process's.
+_ASKING = threading.Lock()
 
 
 @contextlib.contextmanager
@@ -89,6 +92,7 @@ def _sync(path: Path) -> None:
 
 def _umask() -> int:
     """Return the process's umask; mkstemp's files are private whatever it says."""
-    current = os.umask(0o022)
-    os.umask(current)
+    with _ASKING:
+        current = os.umask(0o022)
+        os.umask(current)
     return current

@@ -138,18 +138,31 @@ def test_seeds_of_comparisons_are_refused(call, capsys):
     assert "error: a development takes seeds 0 to 9, not 10" in capsys.readouterr().err
 
 
+def shown(row):
+    """A row's two scores with their intervals, as the docs have them."""
+    return [
+        f"{row[score]:.2f} [{row[f'{score}_low']:.2f}, {row[f'{score}_high']:.2f}]"
+        for score in ("known", "unseen")
+    ]
+
+
 def test_docs_show_what_the_committed_trials_say(tmp_path):
     rows = trial_table.read(unseen.DOCS / "unseen.csv")
     text = (unseen.DOCS / "agents.md").read_text()
     points = trial_table.intervals(rows[rows["table"] == "gap"]).astype({"phantoms": float})
     for count, own in points.groupby("phantoms", dropna=False):
         cells = [
-            f"{row[score]:.2f} [{row[f'{score}_low']:.2f}, {row[f'{score}_high']:.2f}]"
+            cell
             for row in own.sort_values("variant", ascending=False).to_dict("records")
-            for score in ("known", "unseen")
+            for cell in shown(row)
         ]
         named = "no limit" if np.isnan(count) else f"{count:,.0f}".replace(",", " ")
         assert f"| {named} | {' | '.join(cells)} |" in text
+    ablations = trial_table.intervals(rows[rows["table"] == "ablations"])
+    assert (ablations["seeds"] == STUDIES["ablations"].n_seeds).all()
+    for row in ablations.to_dict("records"):
+        title = "nothing" if row["variant"] == "as it is" else row["variant"]
+        assert f"| {title} | {' | '.join(shown(row))} |" in text
     for path in drawing.write(rows, tmp_path):
         assert path.read_bytes() == (unseen.DOCS / path.name).read_bytes()
 

@@ -240,3 +240,7 @@ def test_damaged_study_is_named(tmp_path):
     (tmp_path / "study-anna" / "study.json").write_text("{}")
     with pytest.raises(ConfigurationError, match="study-anna' is not the record of a study"):
         studies.gather(tmp_path)
+    (tmp_path / "study-anna" / "study.json").write_text("[" * 100_000)
+    assert study.agent_of(tmp_path, "anna") is None
+    with pytest.raises(ConfigurationError, match="study-anna' is not the record of a study"):
+        studies.gather(tmp_path)

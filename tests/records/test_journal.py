@@ -2,7 +2,7 @@
 
 import pytest
 
-from usbench.records.journal import Journal, read_rows
+from usbench.records.journal import Journal, append_all, read_rows
 
 ROWS = [{"episode": 0, "return": -12.5, "actions": [0, 1]}, {"episode": 1, "steps_to_goal": None}]
 
@@ -76,3 +76,19 @@ def test_journal_that_is_not_what_was_marked_is_refused_and_left_alone(path, cha
     with Journal(path) as journal, pytest.raises(ValueError, match="is not what its trial wrote"):
         journal.cut(mark)
     assert path.read_bytes() == changed
+
+
+def test_rows_are_added_all_or_none_where_the_disk_is_full(tmp_path):
+    path = tmp_path / "new.jsonl"
+    resource = pytest.importorskip("resource")  # not on Windows
+    append_all(path, [{"a": 1}])
+    before, (soft, hard) = path.read_bytes(), resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (len(before) + 12, hard))
+    try:
+        with pytest.raises(OSError):
+            append_all(path, [{"a": 2}, {"a": 3}])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert path.read_bytes() == before
+    append_all(path, [{"a": 2}])
+    assert read_rows(path) == [{"a": 1}, {"a": 2}]

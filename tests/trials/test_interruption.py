@@ -74,6 +74,16 @@ def test_what_is_ignored_stays_ignored(monkeypatch):
         signal.signal(signal.SIGTERM, before)
 
 
+def test_a_closed_terminal_is_put_off_too():
+    before = signal.signal(signal.SIGHUP, signal.default_int_handler)
+    try:
+        with interruption.put_off(lambda: None) as asked:
+            os.kill(os.getpid(), signal.SIGHUP)
+            assert asked.is_asked
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
 def test_other_threads_hear_no_signals():
     found = []
 

@@ -183,9 +183,11 @@ def work(config: TrialConfig, out: Path, **options: Any) -> str | None:
 
 
 def _begin(initializer: Callable[[], None] | None) -> None:
-    """Prepare a worker process: one thread, Ctrl-C left to the parent, no life after its death."""
+    """Prepare a worker process: one thread, no life after its parent's death, signals left to the parent."""
     os.environ["USBENCH_THREADS"] = "1"
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if hasattr(signal, "SIGHUP"):  # not on Windows
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
     threading.Thread(target=_follow_parent, daemon=True).start()
     if initializer is not None:
         initializer()

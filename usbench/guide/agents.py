@@ -14,6 +14,7 @@ from usbench.envs.oracle import Planner
 from usbench.guide.examination import Opened
 from usbench.guide.guided import GUIDED, check_shown, check_task_of_agent
 from usbench.records import ConfigurationError, Trial
+from usbench.records.journal import UNREADABLE
 from usbench.setting import Setting
 from usbench.trials.model_loading import load_agent
 from usbench.watch.advice import Adviser
@@ -145,7 +146,7 @@ def _known(folder: Path) -> Known | None:
         setting = Setting.recorded(config)
         own = f"{released.name_of(folder)}: " if folder.parent == released.FOLDER else ""
         label = f"{own}{config.algo}, seed {config.seed}, noise {config.noise:g}"
-    except (ValueError, TypeError, KeyError, ArithmeticError, OSError):
+    except (*UNREADABLE, TypeError, KeyError, ArithmeticError, OSError):
         return None
     label += "" if score is None else f", score {score:.2f}"
     return Known(folder, setting, label, score, taught(config.algo) != "")

@@ -18,7 +18,7 @@ from usbench.atomic import atomic_file
 from usbench.checks import check_plain_name
 from usbench.guide.examination import Examination, Opened
 from usbench.records import EVALUATIONS, ConfigurationError, Evaluation, unwritable
-from usbench.records.journal import Journal, cut_torn_line, read_rows
+from usbench.records.journal import UNREADABLE, append_all, cut_torn_line, read_rows, told
 from usbench.results.studies import ADVISED, AGENT, HUMAN, OPTIMUM, STUDY, folder_of
 from usbench.setting import Setting
 from usbench.suite import EvaluationEpisode
@@ -51,7 +51,7 @@ def agent_of(runs: Path, name: str) -> str | None:
     try:
         record = json.loads((folder_of(runs, name) / STUDY).read_text(encoding="utf-8"))
         return str(record["agent"])
-    except (OSError, ValueError, KeyError, TypeError):  # what is wrong with it is told where it goes on
+    except (*UNREADABLE, OSError, KeyError, TypeError):  # what is wrong with it is told where it goes on
         return None
 
 
@@ -128,13 +128,12 @@ class Study:
         """Record an episode that is over, and once for each episode what agent and optimum do in it."""
         play = self.plays[self.n_done]
         advised, obeyed, seconds = (list(column) for column in zip(*self._steps, strict=True))
-        told = {"advice": advised, "obeyed": obeyed, "seconds": seconds}
-        rows = [self._row(play, examination, ADVISED if play.advised else HUMAN) | told]
+        noted = {"advice": advised, "obeyed": obeyed, "seconds": seconds}
+        rows = [self._row(play, examination, ADVISED if play.advised else HUMAN) | noted]
         if self.n_done < len(self.plays) // 2:
             for player, opened in ((AGENT, agent), (OPTIMUM, None)):
                 rows.append(self._row(play, self._played(play, opened), player))
-        with Journal(self.folder / EVALUATIONS) as journal:
-            journal.append(rows)
+        append_all(self.folder / EVALUATIONS, rows)
         self.n_done += 1
 
     def _played(self, play: Play, agent: Opened | None) -> Examination:
@@ -169,8 +168,8 @@ class Study:
         try:
             # Studies of earlier versions do not tell how much is played.
             before = {"plays": record["plays"], **json.loads(path.read_text(encoding="utf-8"))}
-        except (TypeError, ValueError) as error:
-            raise ConfigurationError(f"{str(path)!r} is not the record of a study: {error}.") from error
+        except (*UNREADABLE, TypeError) as error:
+            raise ConfigurationError(f"{str(path)!r} is not the record of a study: {told(error)}.") from error
         now = json.loads(json.dumps(record))
         if differing := [name for name in now if before.get(name) != now[name]]:
             raise ConfigurationError(

@@ -65,6 +65,22 @@ class Journal:
             os.fsync(self._file.fileno())
 
 
+def append_all(path: Path, rows: Iterable[Mapping[str, Any]]) -> None:
+    """Add rows to the journal at `path`, which may be new: all of them or, where the disk is full, none.
+
+    Raises:
+        OSError: If they cannot be written.
+    """
+    before = path.stat().st_size if path.is_file() else 0
+    try:
+        with Journal(path) as journal:
+            journal.append(rows)
+    except OSError:
+        if path.is_file():
+            os.truncate(path, before)
+        raise
+
+
 def kept_at(path: Path, mark: Mark) -> bytes:
     """Return what stood in the journal at `mark`.
 

@@ -17,7 +17,7 @@ import pandas as pd
 from usbench.anchors import Anchors
 from usbench.atomic import atomic_file
 from usbench.records import EVALUATIONS, ConfigurationError
-from usbench.records.journal import read_rows
+from usbench.records.journal import UNREADABLE, read_rows, told
 from usbench.results.text import number
 
 STUDY, TABLE = "study.json", "studies.csv"
@@ -129,8 +129,8 @@ def _rows(folder: Path) -> list[dict[str, object]]:
         ways = by_people.groupby("eval_episode")["player"].nunique()
         same = played[played["eval_episode"].isin(ways[ways == 2].index)]
         return [_row(study, anchors, player, same[same["player"] == player]) for player in PLAYERS]
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise ConfigurationError(f"{str(folder)!r} is not the record of a study: {error}.") from error
+    except (*UNREADABLE, KeyError, TypeError, AttributeError) as error:
+        raise ConfigurationError(f"{str(folder)!r} is not the record of a study: {told(error)}.") from error
 
 
 def _row(study: dict[str, object], anchors: Anchors, player: str, rows: pd.DataFrame) -> dict[str, object]:

@@ -25,7 +25,6 @@ from usbench.words import in_one_line
 TRIALS, CURVES = "trials.csv", "curves.csv"
 ORDER = ["task", "noise", "algo", "configuration", "seed"]
 TRAINING, SAMPLED, GREEDY = "training", "drawn", "greedy"
-KINDS = (TRAINING, SAMPLED, GREEDY)
 TRAINING_PARTS = 50
 DECIMALS = 5
 

@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM put off to the next moment at which a training can be kept without a loss."""
+"""Ctrl-C, SIGTERM and SIGHUP put off to the next moment at which a training can be kept without a loss."""
 
 import contextlib
 import signal
@@ -6,7 +6,8 @@ import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
+# Windows has no SIGHUP, which comes where a terminal is closed.
+SIGNALS = (signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else []))
 
 
 @dataclass

@@ -20,7 +20,8 @@ def lock_of(folder: Path) -> FileLock:
     """
     path = folder.parent / FOLDER / f"{folder.name}.lock"
     path.parent.mkdir(parents=True, exist_ok=True)
-    return FileLock(path, timeout=0)
+    # A guide takes it in one thread and gives it back in another.
+    return FileLock(path, timeout=0, thread_local=False)
 
 
 @contextlib.contextmanager
