@@ -1,6 +1,7 @@
 """Agents of one phantom on unseen phantoms: tables worked out by hand, and a test from end to end."""
 
 import logging
+import re
 import shutil
 
 import numpy as np
@@ -99,7 +100,7 @@ def test_a_table_of_something_else_is_refused(tmp_path):
 
 def play(folder, algos=None, tell=lambda _: None):
     """Test what is untested of the trials and tables in `folder`."""
-    transfer.write(folder, folder, transfer.untested(folder, folder, algos=algos, tell=tell), tell)
+    return transfer.write(folder, folder, transfer.untested(folder, folder, algos=algos, tell=tell), tell)
 
 
 def test_an_agent_is_tested_once_on_every_phantom_of_the_list(finished, tmp_path, monkeypatch, capsys):
@@ -174,8 +175,7 @@ def test_what_was_tested_is_kept_when_a_later_test_fails(tmp_path, monkeypatch):
     assert list(held_out.read(tmp_path)["trial"]) == names[:1]
     shutil.rmtree(tmp_path / names[2])
     tables.write(made(*seeds("vpg", [0.8, 0.9], task="pp")), tmp_path)
-    with pytest.raises(RuntimeError, match=r"1 of 1 trials cannot be tested, as its model is broken\."):
-        play(tmp_path)
+    assert play(tmp_path) == ["its model is broken."]
 
 
 def test_an_agent_of_the_same_name_that_is_not_that_of_the_tables_is_not_tested(finished, tmp_path):
@@ -183,9 +183,20 @@ def test_an_agent_of_the_same_name_that_is_not_that_of_the_tables_is_not_tested(
     curves = known.curves.assign(normalized_score=known.curves["normalized_score"] + 0.1)
     tables.write(tables.Results(known.trials, curves), tmp_path)
     missing = transfer.untested(finished.parent, tmp_path)
-    with pytest.raises(RuntimeError, match=f"1 of 1 .*, as {finished.name} has .* it is another agent"):
-        transfer.write(finished.parent, tmp_path, missing)
+    (failure,) = transfer.write(finished.parent, tmp_path, missing)
+    assert re.match(f"{finished.name} has .* it is another agent", failure)
     assert held_out.read(tmp_path).empty
+
+
+def test_the_leaderboard_is_written_though_a_trial_cannot_be_tested(finished, tmp_path, capsys):
+    known = tables.collect(finished.parent)
+    curves = known.curves.assign(normalized_score=known.curves["normalized_score"] + 0.1)
+    tables.write(tables.Results(known.trials, curves), tmp_path / "leaderboard_files")
+    board = tmp_path / "leaderboard.md"
+    assert cli.main(["transfer", "--runs", str(finished.parent), "--leaderboard", str(board), "--quiet"]) == 1
+    printed = capsys.readouterr()
+    assert f"1 of 1 trials cannot be tested, as {finished.name} has" in printed.err
+    assert str(board) in printed.out and board.is_file()
 
 
 def test_trials_that_are_there_are_tested_and_absent_ones_counted(tmp_path):

@@ -46,7 +46,7 @@ def _call(args: argparse.Namespace) -> None:
     """Test agents of one phantom on unseen phantoms, and write the leaderboard again."""
     tell_watcher("loading PyTorch: some seconds; then some for each trial and each new frame", args.quiet)
     from usbench.compare import transfer
-    from usbench.results import leaderboard, published
+    from usbench.results import held_out, leaderboard, published
 
     tell = teller(args.quiet)
     tested = published.or_own(leaderboard.files(args.leaderboard))
@@ -55,6 +55,8 @@ def _call(args: argparse.Namespace) -> None:
     folder = leaderboard.prepare(args.leaderboard)
     if published.bring(folder):
         tell(FROM_THE_PACKAGE.format(folder))
-    print(transfer.write(args.runs, folder, missing, tell))
-    for path in leaderboard.write(folder, args.leaderboard):
+    failures = transfer.write(args.runs, folder, missing, tell)
+    for path in (folder / held_out.TABLE, *leaderboard.write(folder, args.leaderboard)):
         print(path)
+    if failures:
+        raise RuntimeError(f"{len(failures)} of {len(missing)} trials cannot be tested, as {failures[0]}")

@@ -61,8 +61,8 @@ def untested(
 
 def write(
     runs: Path, folder: Path, missing: pd.DataFrame, tell: Callable[[str], None] = lambda _: None
-) -> Path:
-    """Test trials, write `held_out.csv` after every test, so that none is lost, and return its path.
+) -> list[str]:
+    """Test trials, write `held_out.csv` after every test, so that none is lost, and return what failed.
 
     Args:
         runs: Where the trials are.
@@ -70,8 +70,8 @@ def write(
         missing: What `untested` returned.
         tell: Told which trial is tested.
 
-    Raises:
-        RuntimeError: If a model cannot be opened; the others are tested.
+    Returns:
+        Why a trial cannot be tested, in a sentence for each that cannot; the others are tested.
     """
     known, results = held_out.read(folder), tables.read(folder)
     rows = known[known["trial"].isin(held_out.candidates(results)["trial"])].to_dict("records")
@@ -80,7 +80,8 @@ def write(
     for task in dict.fromkeys(missing["task"].map(held_out.MANY)):
         tell(f"frames of {task}")
         Setting(task=task).prepare_frames()
-    path, failures = _keep(rows, folder), []
+    held_out.write(_table(rows), folder)
+    failures = []
     waiting = Waiting("Testing agents on unseen phantoms", len(missing))
     for number, (name, algo) in enumerate(missing[["trial", "algo"]].itertuples(index=False, name=None), 1):
         tell(f"trial {number} of {len(missing)}: {name}")
@@ -90,15 +91,13 @@ def write(
             tell(str(error))
             failures.append(str(error))
         else:
-            _keep(rows, folder)
+            held_out.write(_table(rows), folder)
         waiting.done()
-    if failures:
-        raise RuntimeError(f"{len(failures)} of {len(missing)} trials cannot be tested, as {failures[0]}")
-    return path
+    return failures
 
 
-def _keep(rows: list[dict[str, object]], folder: Path) -> Path:
-    return held_out.write(pd.DataFrame(rows, columns=list(held_out.COLUMNS)), folder)
+def _table(rows: list[dict[str, object]]) -> pd.DataFrame:
+    return pd.DataFrame(rows, columns=list(held_out.COLUMNS))
 
 
 def _asked(trials: pd.DataFrame, column: str, allowed: Sequence[object] | None) -> pd.DataFrame:
