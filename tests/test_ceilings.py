@@ -1,7 +1,5 @@
 """The table of ceilings that comes with the package."""
 
-import pkgutil
-
 import pytest
 
 from usbench import ceilings
@@ -21,7 +19,7 @@ def test_whoever_is_told_the_whole_pose_knows_nearly_all_that_matters_at_any_noi
     whole = {"fp-random": ("position", "focus"), "pp-tracked": None, "exam-tracked": None}
     for task, senses in whole.items():
         assert all(0.97 < ceiling(task, senses, noise) <= 1 for noise in (0.0, 0.25, 0.5))
-    assert ceiling("exam-random", ceilings.TASKS["exam-tracked"], 0.25) == ceiling("exam-tracked", noise=0.25)
+    assert ceiling("exam-random", row_of("exam-tracked").senses, 0.25) == ceiling("exam-tracked", noise=0.25)
     assert ceiling("pp-tracked", noise=0.1) is None
 
 
@@ -39,6 +37,5 @@ def test_whoever_is_told_less_is_bound_by_whoever_is_told_more():
 
 
 @pytest.mark.parametrize("task", ceilings.TASKS)
-def test_the_senses_of_a_task_are_those_of_its_environment(task):
-    assert ceilings.TASKS[task] == pkgutil.resolve_name(row_of(task).entry_point).default_senses
-    assert ceiling(task) == ceiling(task, ceilings.TASKS[task])
+def test_by_default_the_senses_are_those_of_the_task(task):
+    assert ceiling(task) == ceiling(task, row_of(task).senses)

@@ -112,6 +112,8 @@ def test_a_row_that_does_not_fit_its_environment_is_refused():
     row = tasks.row_of("pp")
     with pytest.raises(records.ConfigurationError, match="must have the 16 steps of its environment, not"):
         suite.guidance_of("pp", replace(row, n_steps=24))
+    with pytest.raises(records.ConfigurationError, match=r"must have the senses of its environment, \(\), not"):
+        suite.guidance_of("pp", replace(row, senses=("heading",)))
 
 
 def test_an_environment_whose_first_action_moves_is_refused(installed):

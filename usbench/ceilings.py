@@ -7,15 +7,11 @@ from collections.abc import Iterable
 from functools import cache
 from importlib.resources import files
 
+from usbench.tasks import row_of
+
 TABLE = "ceilings.csv"
-# Tasks with the poses, starts and phantoms for which the table was made, and what each tells by default.
-TASKS: dict[str, tuple[str, ...]] = {
-    "fp-random": (),
-    "pp-random": (),
-    "pp-tracked": ("position", "heading"),
-    "exam-random": (),
-    "exam-tracked": ("position", "focus", "heading"),
-}
+# Tasks with the poses, starts and phantoms for which the table was made.
+TASKS = ("fp-random", "pp-random", "pp-tracked", "exam-random", "exam-tracked")
 ACTIONS = "actions"
 # Algorithms of this package that learn from knowledge of the simulator, and are not ranked, with what is said
 # of them.
@@ -32,7 +28,7 @@ def ceiling(task: str, senses: Iterable[str] | None = None, noise: float = 0.0) 
     """
     if task not in TASKS:
         return None
-    told = TASKS[task] if senses is None else senses
+    told = row_of(task).senses if senses is None else senses
     return _table().get((task, frozenset(told) - {ACTIONS}, float(noise)))
 
 
@@ -44,7 +40,7 @@ def bound(task: str, senses: Iterable[str] | None = None, noise: float = 0.0) ->
     """
     if task not in TASKS:
         return None
-    told = frozenset(TASKS[task] if senses is None else senses) - {ACTIONS}
+    told = frozenset(row_of(task).senses if senses is None else senses) - {ACTIONS}
     more = [
         score
         for (name, known, at), score in _table().items()

@@ -33,6 +33,7 @@ class Row:
             trial records their digest; else those with which the evaluation's episodes begin, where all would
             be too many.
         single: The same task on one phantom, where this one has many.
+        senses: What the agent is told beside the frames by default.
         silent: Columns of the leaderboard that say nothing about it.
     """
 
@@ -46,6 +47,7 @@ class Row:
     phantoms: int = 0
     every_frame: bool = True
     single: str = ""
+    senses: tuple[str, ...] = ()
     silent: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -104,6 +106,7 @@ BUILT_IN: Mapping[str, Row] = MappingProxyType(
             steps=100_000,
             drawn_starts=56,
             phantoms=28,
+            senses=("position", "heading"),
         ),
         "exam-random": Row(
             env_id="usbench/ExaminationRandom-v0",
@@ -122,6 +125,7 @@ BUILT_IN: Mapping[str, Row] = MappingProxyType(
             drawn_starts=72,
             phantoms=36,
             every_frame=False,
+            senses=("position", "focus", "heading"),
         ),
         "setup": Row(
             env_id="usbench/ImagingSetup-v1",

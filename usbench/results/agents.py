@@ -7,7 +7,6 @@ from typing import Any
 import pandas as pd
 
 from usbench.agents.zoo import ZOO
-from usbench.ceilings import TASKS
 from usbench.records import TrialConfig
 from usbench.results.tables import digest, n_frames, senses
 from usbench.tasks import PAPER, row_of
@@ -93,7 +92,7 @@ def has_frames(trial: pd.Series) -> bool:
 
 def has_senses(trial: pd.Series) -> bool:
     """Return whether the agent is told what its task tells by itself."""
-    return set(senses(trial["settings"])) == set(TASKS.get(trial["task"], ()))
+    return set(senses(trial["settings"])) == set(row_of(trial["task"]).senses)
 
 
 def has_envs(trial: pd.Series) -> bool:

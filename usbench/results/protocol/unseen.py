@@ -9,7 +9,7 @@ from typing import Any
 
 import pandas as pd
 
-from usbench.ceilings import TASKS, bound, ceiling
+from usbench.ceilings import bound, ceiling
 from usbench.records import TrialConfig
 from usbench.results import tables, text
 from usbench.results.agents import has_envs, has_hyperparameters
@@ -82,7 +82,7 @@ def _command(task: str, noise: float, algo: str, steps: int, settings: str, *, s
     told, frames = tables.senses(settings), tables.n_frames(settings)
     if frames != TrialConfig.n_frames:
         options += f" --n-frames {frames}"
-    if told != TASKS.get(task, ()):
+    if told != row_of(task).senses:
         options += f" --senses {' '.join(told)}".rstrip()
     command = f"usbench run --algo {algo} --task {task} --steps {steps}{options} --seed"
     first, *others = map(str, sorted(seeds))
