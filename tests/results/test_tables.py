@@ -205,9 +205,17 @@ def test_missing_last_evaluation_is_refused(tmp_path):
 
 
 def test_trial_on_a_task_that_is_not_installed_is_refused(tmp_path):
-    write_trial(tmp_path, config(task="elsewhere"))
-    with pytest.raises(ValueError, match="unknown task 'elsewhere': allowed are 'fp'"):
+    folder = write_trial(tmp_path, config(task="elsewhere"))
+    with pytest.raises(ValueError, match=f"{folder.name}' cannot be shown: unknown task 'elsewhere': allowed"):
         tables.collect(tmp_path)
+
+
+@pytest.mark.parametrize("status", ["finished", "running"])
+def test_trial_on_a_task_that_is_not_installed_does_not_hide_the_others(tmp_path, status):
+    name = write_trial(tmp_path, config(task="elsewhere"), status=status).name
+    known, told = write_trial(tmp_path, config()).name, []
+    assert list(tables.collect(tmp_path, damaged=told.append).trials["trial"]) == [known]
+    assert len(told) == 1 and name in told[0]
 
 
 def test_same_trial_in_two_folders_is_refused(tmp_path):
@@ -230,6 +238,21 @@ def test_broken_table_is_refused(tmp_path, text):
     tables.write(made(trial()), tmp_path)
     (tmp_path / tables.CURVES).write_text(text)
     with pytest.raises(ValueError, match=r"curves\.csv is not a table of results"):
+        tables.read(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "said"),
+    [
+        ("status", "done", "a has the status 'done', not one of finished, running"),
+        ("settings", "", "a has settings that are not a JSON object, ''"),
+        ("settings", "[1]", "a has settings that are not a JSON object, '.1.'"),
+    ],
+)
+def test_trial_of_a_table_that_cannot_be_is_refused(tmp_path, column, value, said):
+    known = made(trial(trial="a"))
+    tables.write(dataclasses.replace(known, trials=known.trials.assign(**{column: value})), tmp_path)
+    with pytest.raises(ValueError, match=rf"trials\.csv is not a table of results: {said}"):
         tables.read(tmp_path)
 
 

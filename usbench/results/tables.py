@@ -8,6 +8,7 @@ many steps the agent had learned from by then: whole rollouts. Both open with `p
 
 import hashlib
 import json
+import reprlib
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -19,11 +20,14 @@ import pandas as pd
 from usbench import records
 from usbench.atomic import atomic_file
 from usbench.records import EXPLORATION, Trial, TrialConfig
+from usbench.records.journal import UNREADABLE
 from usbench.tasks import row_of
 from usbench.words import in_one_line
 
 TRIALS, CURVES = "trials.csv", "curves.csv"
 ORDER = ["task", "noise", "algo", "configuration", "seed"]
+MISSING = "missing"
+STATUSES = ("finished", "running", "interrupted", "failed", MISSING)
 TRAINING, SAMPLED, GREEDY = "training", "drawn", "greedy"
 TRAINING_PARTS = 50
 DECIMALS = 5
@@ -105,7 +109,7 @@ def collect(
     folders = [one for one in records.trial_folders(runs) if names is None or one.name in names]
     for config, folder in places or [(None, folder) for folder in folders]:
         try:
-            trial = Trial.find(folder)
+            trial = _found(folder)
         except ValueError as error:
             if damaged is None:
                 raise
@@ -135,6 +139,17 @@ def collect(
     )
 
 
+def _found(folder: Path) -> Trial | None:
+    """Return the trial in `folder`, None if none has begun there; ValueError if it cannot be shown."""
+    trial = Trial.find(folder)
+    if trial is not None:
+        try:
+            row_of(trial.config.task)
+        except ValueError as error:
+            raise ValueError(f"the trial {str(folder)!r} cannot be shown: {error}") from error
+    return trial
+
+
 def write(results: Results, folder: Path) -> list[Path]:
     """Write the two tables into `folder`, made if need be, and return their paths."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -151,7 +166,22 @@ def read(folder: Path) -> Results:
         FileNotFoundError: If `folder` does not hold the two tables.
         ValueError: If a table lacks a column or holds something else than it should.
     """
-    return Results(_read(folder / TRIALS, TRIAL_COLUMNS), _read(folder / CURVES, CURVE_COLUMNS))
+    results = Results(_read(folder / TRIALS, TRIAL_COLUMNS), _read(folder / CURVES, CURVE_COLUMNS))
+    for trial in results.trials.itertuples():
+        if reason := _misfit(trial.status, trial.settings):
+            raise ValueError(f"{folder / TRIALS} is not a table of results: {trial.trial} has {reason}.")
+    return results
+
+
+def _misfit(status: str, settings: str) -> str:
+    """Return which of these a trial cannot have, in words; "" if it can have both."""
+    if status not in STATUSES:
+        return f"the status {status!r}, not one of {', '.join(STATUSES)}"
+    try:
+        held = json.loads(settings)
+    except UNREADABLE:
+        held = None
+    return "" if isinstance(held, dict) else f"settings that are not a JSON object, {reprlib.repr(settings)}"
 
 
 def _read(path: Path, columns: Mapping[str, type]) -> pd.DataFrame:
@@ -191,7 +221,7 @@ def _row(config: TrialConfig, trial: Trial | None) -> dict[str, Any]:
         "trial": config.folder_name if trial is None else trial.name,
         **{key: plain[key] for key in ("task", "noise", "algo", "seed", "steps")},
         "configuration": digest({key: value for key, value in plain.items() if key != "seed"}),
-        "status": "missing" if trial is None else trial.status,
+        "status": MISSING if trial is None else trial.status,
         "reason": (trial.reason if trial else None) or "",
         "settings": _settings(plain, explores=trial is not None and trial.explores),
         **{key: anchors.get(key, np.nan) for key in ("optimal", "random", "stay")},
