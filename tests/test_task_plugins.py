@@ -112,7 +112,7 @@ def test_a_row_that_does_not_fit_its_environment_is_refused():
     row = tasks.row_of("pp")
     with pytest.raises(records.ConfigurationError, match="must have the 16 steps of its environment, not"):
         suite.guidance_of("pp", replace(row, n_steps=24))
-    with pytest.raises(records.ConfigurationError, match=r"must have the senses of its environment, \(\), not"):
+    with pytest.raises(records.ConfigurationError, match=r"senses of its environment, \(\), not"):
         suite.guidance_of("pp", replace(row, senses=("heading",)))
 
 

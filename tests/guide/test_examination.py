@@ -127,7 +127,7 @@ def test_score_is_0_for_the_random_agent_and_1_for_the_optimum_from_this_start(n
 def test_optimum_tells_the_return_of_each_action():
     """By hand, without noise: the reward of the action, then the best return from where the action leads."""
     examination, policy = Examination(Setting(task="pp"), 2, exact("pp")), oracle.policy("pp")
-    assert examination.advice.kind == "value"
+    assert examination.advice.kind == "return"
     task, pose = examination.guidance, examination.pose
     for action, told in zip(task.actions, examination.advice.weights, strict=True):
         there = pose.moved(action.move, task.limits)

@@ -209,6 +209,7 @@ def test_trial_whose_agent_cannot_be_made_leaves_no_file_open(quick, tmp_path, m
         ({"seed": -1}, "seed.*-1"),
         ({"seed": 1.5}, "seed.*1.5"),
         ({"steps": 0}, "steps.*0"),
+        ({"steps": 1e16}, "steps must be at most 9007199254740991, not 10000000000000000"),
         ({"steps": -16}, "steps.*-16"),
         ({"steps": 16.5}, "steps.*16.5"),
         ({"steps": True}, "steps.*True"),

@@ -31,6 +31,11 @@ def taken():
     return {kind: snapshot.take(Source(), OFF_GRID, kind) for kind in snapshot.KINDS}
 
 
+def test_a_kind_that_there_is_not_is_refused():
+    with pytest.raises(ConfigurationError, match="unknown kind 'doppler': allowed are 'frame', 'envelope'"):
+        snapshot.take(Source(), OFF_GRID, "doppler")
+
+
 def test_frame_is_the_scanners(taken):
     np.testing.assert_array_equal(taken["frame"].values, scan(Phantom(), OFF_GRID))
 

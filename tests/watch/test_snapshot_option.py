@@ -69,13 +69,20 @@ def test_a_frequency_that_the_probe_does_not_sample_is_refused():
         ((0, 50, 0, 0.9), r"frequency must be in \[1, 10\] MHz, not 0.9"),
         ((0, 50, 0, float("nan")), r"frequency must be in \[1, 10\] MHz, not nan"),
         ((0, 50, 0, "high"), r"frequency must be in \[1, 10\] MHz, not 'high'"),
-        ((0, 50, 0, None, 0), r"dynamic_range_db must be in \[1, 200\], not 0"),
-        ((0, 50, 0, None, 40.5), "dynamic_range_db must be a whole number, not 40.5"),
+        ((0, 50, 0, None, 0), r"dynamic_range_db must be a whole number in \[1, 200\], not 0"),
+        ((0, 50, 0, None, 40.5), r"dynamic_range_db must be a whole number in \[1, 200\], not 40.5"),
     ],
 )
 def test_poses_and_settings_that_see_nothing_are_refused(values, said):
     with pytest.raises(ConfigurationError, match=said):
         pose(Source(), *values)
+
+
+def test_a_range_of_the_imaging_that_is_not_whole_is_named_where_a_frequency_needs_one():
+    source = Source(imaging=Imaging(dynamic_range_db=47.5))
+    with pytest.raises(ConfigurationError, match=r"200\], not 47.5. That is the imaging's: give one beside"):
+        pose(source, 0, 50, 0, frequency_mhz=3)
+    assert pose(source, 0, 50, 0, frequency_mhz=3, dynamic_range_db=48).dynamic_range_db == 48
 
 
 def test_phantoms_are_those_of_the_tasks():

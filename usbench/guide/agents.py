@@ -34,7 +34,7 @@ class ExactAdviser:
         """Return the expected return of every action to the end of the episode, undiscounted."""
         target = tuple(info[name] for name in TARGET) if TARGET[0] in info else None
         pose = tuple(info[name] for name in self._planner.coordinates)
-        return Advice(tuple(self._planner.policy(target).returns(step, pose).tolist()), "value")
+        return Advice(tuple(self._planner.policy(target).returns(step, pose).tolist()), "return")
 
 
 @dataclass(frozen=True)

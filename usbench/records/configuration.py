@@ -14,6 +14,8 @@ VOLUME = "volume"
 MAX_FRAMES = 64
 # Environments in step: a phantom each lies in memory.
 MAX_ENVS = 1024
+# Whole numbers that every reader of JSON takes exactly.
+LARGEST_COUNT = 2**53 - 1
 
 
 @dataclass(frozen=True, kw_only=True)

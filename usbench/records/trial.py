@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 import pandas as pd
-from annotated_types import Ge, Lt
+from annotated_types import Ge, Le
 from pandas.api.types import is_numeric_dtype
 from pydantic import ConfigDict, Field, StringConstraints, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
@@ -19,7 +19,7 @@ from usbench.atomic import atomic_file
 from usbench.ceilings import ceiling
 from usbench.checks import misfit
 from usbench.records.checksums import KEY, check, damaged, of_state
-from usbench.records.configuration import TrialConfig
+from usbench.records.configuration import LARGEST_COUNT, TrialConfig
 from usbench.records.folder import EPISODES, EVALUATIONS, TRIAL, existing, no_trial, trial_folders
 from usbench.records.journal import UNREADABLE, read_rows, told
 
@@ -28,7 +28,7 @@ STRICT = ConfigDict(
     strict=True, allow_inf_nan=False, extra="ignore", validate_by_name=True, serialize_by_alias=True
 )
 
-Count = Annotated[int, Ge(0), Lt(2**53)]
+Count = Annotated[int, Ge(0), Le(LARGEST_COUNT)]
 Means = Mapping[str, float]
 MEASURED = ("return", "final_distance_mm", "final_sin_angle", "is_success")
 # Of each line of a record file; what reads the records computes with these.

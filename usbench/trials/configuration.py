@@ -10,7 +10,7 @@ from typing import Any
 from usbench.agents import zoo
 from usbench.checks import check_seed, whole_number
 from usbench.records import ConfigurationError, TrialConfig
-from usbench.records.configuration import MAX_ENVS
+from usbench.records.configuration import LARGEST_COUNT, MAX_ENVS
 from usbench.setting import Setting
 
 # What is recorded with a trial, since its bits depend on them.
@@ -72,6 +72,8 @@ def resolve(
             hyperparameters["buffer_size"] = max(int(hyperparameters["buffer_size"]), met.row.steps)
         seed = check_seed(seed)
         steps = whole_number("steps", met.row.steps if steps is None else steps, low=1)
+        if steps > LARGEST_COUNT:
+            raise ValueError(f"steps must be at most {LARGEST_COUNT}, not {steps}.")
         n_envs = _n_envs(n_envs, entry, steps, zoo.rollout_steps(algo, hyperparameters))
     except (ValueError, TypeError) as error:
         raise ConfigurationError(str(error)) from error

@@ -12,6 +12,7 @@ from usbench.envs.pose import Pose
 MEANINGS = {
     "probability": "probability of the action",
     "value": "discounted return that the agent expects",
+    "return": "expected return to the end of the episode",
     "loss": "expected return minus that of the best action",
     "choice": "the agent's choice",
 }
@@ -22,14 +23,14 @@ class Advice:
     """What an agent thinks of every action.
 
     Attributes:
-        weights: One number per action: its probability, the discounted return that the agent expects, what it
-            expects to lose against the best action, below 0, or 1 for the action of an agent that tells no
-            more, and 0 for the others.
-        kind: Which of the four the numbers are.
+        weights: One number per action: its probability, the discounted return that the agent expects, the
+            exact return to the end of the episode, what the agent expects to lose against the best action,
+            below 0, or 1 for the action of an agent that tells no more, and 0 for the others.
+        kind: Which of MEANINGS the numbers are.
     """
 
     weights: tuple[float, ...]
-    kind: Literal["probability", "value", "loss", "choice"] = "probability"
+    kind: Literal["probability", "value", "return", "loss", "choice"] = "probability"
 
     @property
     def best(self) -> int:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from usbench.checks import unknown
 from usbench.envs.anatomy.points import PointScatterers
 from usbench.envs.bmode import envelope
 from usbench.envs.frames import frame_store
@@ -75,9 +76,11 @@ def take(source: Source, pose: Pose, kind: str = "frame") -> Snapshot:
     """Simulate what is seen of a source from a pose, or take the frame that is kept; RF is without noise.
 
     Raises:
-        ConfigurationError: If RF, envelope or settings of a recorded image are asked for, or all scatterers
-            of a file are out of view.
+        ConfigurationError: If `kind` is none of KINDS, RF, envelope or settings of a recorded image are asked
+            for, or all scatterers of a file are out of view.
     """
+    if kind not in KINDS:
+        raise ConfigurationError(str(unknown("kind", kind, KINDS)))
     tissue = source.tissue
     if not tissue.has_focus and (kind != "frame" or in_words(pose)):
         raise recorded(kind if kind != "frame" else "settings of a scanner")

@@ -161,11 +161,12 @@ def _frequency_khz(frequency_mhz: Any) -> int:
 
 
 def _range_db(imaging: Imaging, dynamic_range_db: Any) -> int:
-    asked = imaging.dynamic_range_db if dynamic_range_db is None else dynamic_range_db
-    range_db = whole_number("dynamic_range_db", asked)
-    if not _within(range_db, RANGE_DB):
-        raise ValueError(f"dynamic_range_db must be in [{RANGE_DB[0]}, {RANGE_DB[1]}], not {range_db}.")
-    return range_db
+    if dynamic_range_db is not None:
+        return whole_number("dynamic_range_db", dynamic_range_db, *RANGE_DB)
+    try:
+        return whole_number("dynamic_range_db", imaging.dynamic_range_db, *RANGE_DB)
+    except ValueError as error:
+        raise ValueError(f"{error} That is the imaging's: give one beside the frequency.") from error
 
 
 def _within(value: float, limits: tuple[float, float]) -> bool:

@@ -7,9 +7,9 @@ const byId = (id) => document.getElementById(id);
 const CONFIDENCE = {
   probability: "Probability of each action",
   value: "Discounted return that the agent expects of each action",
+  return: "Expected return of each action, to the end",
   loss: "Expected return of each action, minus that of the best",
   choice: "The agent tells its choice alone",
-  exact: "Expected return of each action, to the end",
 };
 const PICTURES = {
   above: byId("above"), side: byId("side"), view: byId("frame-view"), canvas: byId("frame"), axes: byId("frame-axes"),
@@ -201,7 +201,7 @@ function renderAdvice(state) {
   // At the end all keeps its place, so that no button moves away under a finger.
   byId("advice").hidden = !advice && !over;
   byId("silence").textContent = advice || over ? "" : state.study ? "No advice in this episode." : "No advice: choose an agent that fits the task.";
-  byId("confidence-title").textContent = !advice ? "\u00a0" : CONFIDENCE[exact ? "exact" : advice.kind];
+  byId("confidence-title").textContent = !advice ? "\u00a0" : CONFIDENCE[advice.kind];
   const words = advice?.words ?? "the episode is over";
   byId("advice").querySelector("use").setAttribute("href", advice ? `#icon-${advice.icon}` : "");
   byId("advice").querySelector("strong").textContent = words[0].toUpperCase() + words.slice(1);
