@@ -89,7 +89,12 @@ class Pools:
 
 
 @cache
+def protocol() -> Mapping[str, Any]:
+    """Return the values of the benchmark's own protocol; `compare.protocol.read` checks every one of them."""
+    return tomllib.loads(PROTOCOL.read_text(encoding="utf-8"))
+
+
+@cache
 def own() -> Pools:
     """Return the pools of the benchmark's own protocol."""
-    values = tomllib.loads(PROTOCOL.read_text(encoding="utf-8"))["pools"]
-    return Pools(**{name: Pool(**pool) for name, pool in values.items()})
+    return Pools(**{name: Pool(**pool) for name, pool in protocol()["pools"].items()})

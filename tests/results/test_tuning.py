@@ -88,7 +88,11 @@ def test_tables_without_the_finalists_are_read(tmp_path):
 def test_the_winners_are_those_of_the_committed_records():
     chosen = json.loads((TOP / "agents" / "winners.json").read_text())
     known = tuning.gather(TOP / "search")
-    last = known[known["rung"] == tuning.LAST_RUNG].groupby(["row", "candidate"])["score"].mean()
+    last = (
+        known[known["rung"] == len(protocol.read().search.rungs) - 1]
+        .groupby(["row", "candidate"])["score"]
+        .mean()
+    )
     assert set(chosen) == set(last.index.get_level_values("row"))
     for row, winner in chosen.items():
         head = json.loads((TOP / "search" / f"{row}.jsonl").read_text().splitlines()[0])

@@ -17,6 +17,7 @@ from usbench.checks import misfit, unknown
 from usbench.records import ConfigurationError
 from usbench.seed_pools import PROTOCOL, STRICT, Pools, Seed, digest
 from usbench.seed_pools import own as own_pools
+from usbench.seed_pools import protocol as own_protocol
 
 PATH = PROTOCOL
 Positive = Annotated[int, Ge(1)]
@@ -126,7 +127,7 @@ class Protocol(_Content):
     @property
     def is_of_the_package(self) -> bool:
         """Return whether it is the benchmark's own protocol."""
-        return self.digest == digest(tomllib.loads(PATH.read_text(encoding="utf-8")))
+        return self.digest == digest(own_protocol())
 
 
 def read(path: Path = PATH) -> Protocol:

@@ -3,7 +3,6 @@
 What a trial is of follows from its settings alone, so that trials of all tables may lie in one folder.
 """
 
-import tomllib
 from collections.abc import Mapping
 from functools import cache
 from typing import Any, NamedTuple
@@ -118,7 +117,7 @@ def _frames_of_references() -> dict[str, int]:
 
 
 def _default() -> _Table:
-    known = _comparison()
+    known = seed_pools.protocol()["comparison"]
     return _Table(TrialConfig.n_frames, "", 1, frozenset(known["tasks"]), frozenset(known["noises"]))
 
 
@@ -134,11 +133,6 @@ def _further() -> dict[str, _Table]:
             frozenset(extra.get("tasks", default.tasks)),
             frozenset(extra["noises"]),
         )
-        for extra in _comparison()["extras"]
+        for extra in seed_pools.protocol()["comparison"]["extras"]
     }
     return {name: table for name, table in tables.items() if table[:3] != default[:3]}
-
-
-@cache
-def _comparison() -> dict[str, Any]:
-    return dict(tomllib.loads(seed_pools.PROTOCOL.read_text(encoding="utf-8"))["comparison"])

@@ -3,7 +3,6 @@
 Of the first rung alone, in which every candidate was trained; what survived it says nothing of the others.
 """
 
-import tomllib
 from itertools import product
 from math import comb
 from pathlib import Path
@@ -27,7 +26,6 @@ ABOUT = (
 # `score` is empty where the training diverged; the first rung is 0, and the whole budget has the last.
 COLUMNS = ("row", "candidate", "task", "noise", "seed", "score", "rung")
 SHOWN = (1, 2, 4, 8, 16)
-LAST_RUNG = 1
 # Intervals of the best of more hold the truth far too seldom (benchmarks/intervals.py).
 LAST_WITH_INTERVAL = 4
 # A candidate that diverged in any cell: what a random agent scores.
@@ -89,7 +87,7 @@ def candidates(known: pd.DataFrame) -> dict[str, stats.Array]:
 
 def winners(known: pd.DataFrame) -> dict[str, float]:
     """Return the mean score of each row's winner with the whole budget, of rows with all finalists."""
-    best = _means(known, LAST_RUNG).dropna().groupby("row").max()
+    best = _means(known, _last_rung()).dropna().groupby("row").max()
     return {str(row): float(score) for row, score in best.items()}
 
 
@@ -182,13 +180,14 @@ def _trials(path: Path) -> list[dict[str, Any]]:
     """Return the trials of a record's first rung, none if some are missing, and of its complete last."""
     try:
         head, *trials = read_rows(path) or [{}]
-        if head["protocol"] != seed_pools.digest(_protocol()):
+        if head["protocol"] != seed_pools.digest(seed_pools.protocol()):
             raise ConfigurationError(f"{str(path)!r} is the record of a search by another protocol.")
         known = [{"row": head["row"], **{name: one[name] for name in COLUMNS[1:]}} for one in trials]
-        first, last = ([one for one in known if one["rung"] == rung] for rung in (0, LAST_RUNG))
+        rung = _last_rung()
+        first, last = ([one for one in known if one["rung"] == number] for number in (0, rung))
         if not _complete(first, 0, len(head["candidates"])):
             return []
-        return [*first, *(last if _complete(last, LAST_RUNG, _search()["rungs"][0]["keep"]) else [])]
+        return [*first, *(last if _complete(last, rung, _search()["rungs"][rung - 1]["keep"]) else [])]
     except ConfigurationError:
         raise
     except (KeyError, TypeError, ValueError) as error:
@@ -205,10 +204,9 @@ def _complete(found: list[dict[str, Any]], rung: int, n_candidates: int) -> bool
     return len(tried) >= n_candidates and done >= {(one, *cell) for cell in cells for one in tried}
 
 
-def _protocol() -> dict[str, Any]:
-    """Return the benchmark's protocol; the search's command checks every word of it."""
-    return tomllib.loads(seed_pools.PROTOCOL.read_text(encoding="utf-8"))
-
-
 def _search() -> dict[str, Any]:
-    return dict(_protocol()["search"])
+    return dict(seed_pools.protocol()["search"])
+
+
+def _last_rung() -> int:
+    return len(_search()["rungs"]) - 1
