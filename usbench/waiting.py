@@ -48,4 +48,13 @@ class Waiting:
 def announce(what: str, seconds: float) -> None:
     """Tell what is done and how long it will take altogether, if that is longer than LONG_S."""
     if seconds > LONG_S:
-        log.info("%s: some %s.", what, f"{seconds:.2g} s" if seconds < 90 else f"{seconds / 60:.0f} min")
+        log.info("%s: %s.", what, duration(seconds))
+
+
+def duration(seconds: float) -> str:
+    """Return about how long that is: "less than 10 s", "about 40 s", "about 3 min", "about 2.5 h"."""
+    if seconds < 10:
+        return "less than 10 s"
+    if seconds < 95:
+        return f"about {10 * round(seconds / 10)} s"
+    return f"about {round(seconds / 60)} min" if seconds < 6000 else f"about {seconds / 3600:.1f} h"

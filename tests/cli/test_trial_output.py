@@ -10,7 +10,6 @@ import pytest
 
 from usbench import cli
 from usbench.cli.output import trial_bars, trial_output
-from usbench.cli.output.durations import duration
 from usbench.trials import runner
 from usbench.trials.configuration import resolve
 
@@ -99,20 +98,6 @@ def test_a_line_in_a_pipe_says_how_long_the_training_goes_on(monkeypatch, capsys
     first, second, last = capsys.readouterr().err.splitlines()
     assert first.endswith("score 0.05") and last.endswith("score 0.90")
     assert second.endswith("score 0.20, about 4 min to go")
-
-
-@pytest.mark.parametrize(
-    ("seconds", "said"),
-    [
-        (3, "less than 10 s"),
-        (12, "about 10 s"),
-        (44, "about 40 s"),
-        (170, "about 3 min"),
-        (9100, "about 2.5 h"),
-    ],
-)
-def test_durations_in_words(seconds, said):
-    assert duration(seconds) == said
 
 
 def test_how_long_it_will_take_stands_before_the_training(quick, tmp_path, capsys):

@@ -21,6 +21,7 @@ from usbench.checks import ConfigurationError, check_seed, install, whole_number
 from usbench.datasets import card, episodes
 from usbench.datasets.episodes import Played
 from usbench.setting import Setting
+from usbench.waiting import duration
 
 # Where Minari looks for data sets; its own default is ~/.minari/datasets.
 PLACE = "MINARI_DATASETS_PATH"
@@ -159,7 +160,7 @@ def _played(
             since = time.monotonic() - begun
             if since - told > 5:
                 told, left = since, since / len(played) * (n_episodes - len(played))
-                tell(f"episode {len(played)} of {n_episodes}, about {left:.0f} s to go")
+                tell(f"episode {len(played)} of {n_episodes}, {duration(left)} to go")
     return told_to, [played[number] for number in range(n_episodes)]
 
 

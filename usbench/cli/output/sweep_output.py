@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from usbench.cli.output.durations import duration
 from usbench.compare.expected import End, Expected
 from usbench.compare.sweep import Outcome
 from usbench.records import TrialConfig
+from usbench.waiting import duration
 
 
 class SweepBars:

@@ -14,7 +14,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from usbench.cli.output.durations import duration
+from usbench.waiting import duration
 
 
 class Bars:
