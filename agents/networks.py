@@ -10,7 +10,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 from torch.nn import functional
 
-from usbench.agents.layers.norm_relu_pool import norm_relu_pool
+from usbench.agents.layers.norm_relu_pool import moments, norm_relu_pool
 from usbench.agents.layers.pooling import relu_pool
 
 # Names of the two parts of an observation with senses.
@@ -194,10 +194,7 @@ def _move_statistics(norm: nn.BatchNorm2d, maps: torch.Tensor) -> None:
     """Moves the running statistics towards those of `maps`: by the momentum, and further at first."""
     assert norm.running_mean is not None and norm.running_var is not None
     assert norm.num_batches_tracked is not None and norm.momentum is not None
-    pixels = maps.permute(0, 2, 3, 1).flatten(0, 2)
-    mean = pixels.mean(0)
-    # The second moments as a matrix product: several times as fast as a sum of squares.
-    var = ((pixels.T @ pixels).diagonal() / len(pixels) - mean.square()).clamp_(min=0.0)
+    mean, var = moments(maps)
     norm.num_batches_tracked.add_(1)
     share = max(norm.momentum, 1.0 / int(norm.num_batches_tracked))
     norm.running_mean.lerp_(mean, share)

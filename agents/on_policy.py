@@ -4,6 +4,7 @@ Policy and value are separate networks here, and acting needs the policy alone. 
 during a rollout, so that the values are the same as step by step, at a fraction of the time.
 """
 
+from collections.abc import Iterator
 from typing import Any, ClassVar
 
 import numpy as np
@@ -35,19 +36,20 @@ class ValuesAtEndBuffer(RolloutBuffer):
 
     @torch.no_grad()
     def _values(self, policy: SeparatePolicy) -> np.ndarray[Any, Any]:
-        values = []
+        return torch.cat([policy.predict_values(seen) for _, seen in self._parts()]).cpu().numpy()
+
+    def _parts(self) -> Iterator[tuple[slice, Any]]:
+        """Yields all observations in parts, with the place of each part where all are in one row."""
         for start in range(0, self.values.size, OBSERVATIONS_AT_ONCE):
             part = slice(start, start + OBSERVATIONS_AT_ONCE)
             seen: Any = self.observations
             if isinstance(seen, dict):
-                seen = {name: self._part(array, part) for name, array in seen.items()}
+                yield part, {name: self._part(array, part) for name, array in seen.items()}
             else:
-                seen = self._part(seen, part)
-            values.append(policy.predict_values(seen))
-        return torch.cat(values).cpu().numpy()
+                yield part, self._part(seen, part)
 
     def _part(self, observations: np.ndarray[Any, Any], part: slice) -> torch.Tensor:
-        """Some observations of an array `(n_steps, n_envs, ...)`."""
+        """Some rows of an array `(n_steps, n_envs, ...)`."""
         return self.to_torch(observations.reshape(-1, *observations.shape[2:])[part], copy=False)
 
 

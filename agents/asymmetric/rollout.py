@@ -9,7 +9,7 @@ from stable_baselines3.common.buffers import RolloutBuffer
 
 from usbench.agents.asymmetric.policy import AsymmetricPolicy, Known
 from usbench.agents.asymmetric.truth import SIZE
-from usbench.agents.on_policy import OBSERVATIONS_AT_ONCE, ValuesAtEndBuffer, ValuesAtEndDictBuffer
+from usbench.agents.on_policy import ValuesAtEndBuffer, ValuesAtEndDictBuffer
 from usbench.agents.policies import SeparatePolicy
 from usbench.agents.value_based.views import Views
 
@@ -85,13 +85,7 @@ class StateBuffer(ValuesAtEndBuffer):
     def _log_probs(self, policy: AsymmetricPolicy, views: Views, number: int) -> npt.NDArray[np.float32]:
         """The log-probabilities `(n_steps, n_envs)` of all actions in the view `number`."""
         found = []
-        for start in range(0, self.log_probs.size, OBSERVATIONS_AT_ONCE):
-            part = slice(start, start + OBSERVATIONS_AT_ONCE)
-            seen: Any = self.observations
-            if isinstance(seen, dict):
-                seen = {name: self._part(array, part) for name, array in seen.items()}
-            else:
-                seen = self._part(seen, part)
+        for part, seen in self._parts():
             actions = self._part(self.actions, part).long()
             numbers = torch.full((len(actions),), number, device=self.device)
             distribution = policy.get_distribution(views.observations(seen, numbers))

@@ -19,6 +19,14 @@ from usbench.agents.layers import pooling
 Tensor = torch.Tensor
 
 
+def moments(maps: Tensor) -> tuple[Tensor, Tensor]:
+    """Returns mean and variance of each channel of `(n, c, height, width)`, over images and pixels."""
+    pixels = maps.permute(0, 2, 3, 1).flatten(0, 2)
+    mean = pixels.mean(0)
+    # The second moments as a matrix product: several times as fast as a sum of squares.
+    return mean, ((pixels.T @ pixels).diagonal() / len(pixels) - mean.square()).clamp_(min=0.0)
+
+
 def norm_relu_pool(maps: Tensor, norm: nn.BatchNorm2d) -> Tensor:
     """Max-pool (2x2) of ReLU of `norm(maps)`, in training mode and where all weights of `norm` are positive.
 
@@ -43,11 +51,7 @@ class _NormReluPool(torch.autograd.Function):
     def forward(
         ctx: Any, maps: Tensor, weight: Tensor, bias: Tensor, eps: float
     ) -> tuple[Tensor, Tensor, Tensor]:
-        n_channels = maps.shape[1]
-        pixels = maps.permute(0, 2, 3, 1).reshape(-1, n_channels)
-        mean = pixels.mean(0)
-        # The second moments as a matrix product: several times as fast as a sum of squares.
-        var = ((pixels.T @ pixels).diagonal() / len(pixels) - mean.square()).clamp_(min=0.0)
+        mean, var = moments(maps)
         scale = torch.rsqrt(var + eps)
         largest, places = pooling.pool(maps)
         normalized = largest.sub_(_column(mean)).mul_(_column(scale))
