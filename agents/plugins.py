@@ -4,6 +4,8 @@ import importlib
 import re
 from importlib.metadata import entry_points
 
+from usbench.words import in_one_line
+
 GROUP = "usbench.algorithms"
 _PLACE = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*")
 
@@ -25,5 +27,5 @@ def load(place: str) -> object:
     try:
         return getattr(importlib.import_module(module), name)
     except Exception as error:  # whatever a stranger's module does while it is imported
-        reason = f"{type(error).__name__}: {' '.join(str(error).split())}"
+        reason = in_one_line(error, with_type=True)
         raise ValueError(f"the algorithm {place!r} cannot be imported ({reason}).") from error

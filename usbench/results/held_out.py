@@ -149,8 +149,8 @@ def section(known: pd.DataFrame) -> str:
     Columns on agents that were trained on many phantoms are there only where there are such agents.
     """
     trained_on_many = known["many"].notna().any()
-    head = ["agent", "cell", "one: its own", "one: unseen"]
-    head += ["many: unseen", "gap", "seeds"] if trained_on_many else ["seeds"]
+    head = ["agent", "tested on", "its own phantom", "unseen phantoms"]
+    head += ["trained on many", "gap", "seeds"] if trained_on_many else ["seeds"]
     lines = []
     for row in known.to_dict("records"):
         parts = ("seen", "one", "many") if trained_on_many else ("seen", "one")
@@ -163,7 +163,10 @@ def section(known: pd.DataFrame) -> str:
         lines.append(line)
     about = "Scores (IQM, greedy actions) of agents that learned on one phantom: on it, and on others."
     if trained_on_many:
-        about += " Many: of agents that learned on many phantoms, on the same others; gap: many less one."
+        about += (
+            " Trained on many: of agents that learned on many phantoms, on the same unseen ones; gap: that "
+            "less the score on unseen phantoms."
+        )
     if "pp-random" in set(known["task"]):
         about += " `pp-random` has other starts than `pp`, too."
     return f"{about}\n\n" + text.folded(f"Scores ({text.rows(len(lines))})", text.table(head, lines, words=2))

@@ -125,8 +125,8 @@ def _seeds(matrices: Mapping[str, stats.Array]) -> str:
         of_one = f" ({_percent(each.min())} to {_percent(each.max())} for single agents)"
     return (
         f" Of the variance between trials of a cell, {_percent(common)} are common to all cells of a seed"
-        f"{of_one}: the larger this is, the more the interval by cells and the comparison of agents are too "
-        "sure (docs/comparison.md)."
+        f"{of_one}: where this is large, the interval by cells is too narrow, and agents are told apart too "
+        "easily (docs/comparison.md)."
     )
 
 
