@@ -6,12 +6,13 @@ with the value and what is allowed. This module imports nothing of the project, 
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import math
 import numbers
 import re
 import reprlib
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -24,6 +25,15 @@ T = TypeVar("T")
 
 class ConfigurationError(ValueError):
     """A setting that cannot be used; the message is one sentence for the user."""
+
+
+@contextlib.contextmanager
+def as_configuration_error() -> Iterator[None]:
+    """Raise as ConfigurationError what a value is refused with in the block: a TypeError or a ValueError."""
+    try:
+        yield
+    except (TypeError, ValueError) as error:
+        raise ConfigurationError(str(error)) from error
 
 
 @dataclass(frozen=True)

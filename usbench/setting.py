@@ -18,7 +18,7 @@ from gymnasium.vector import AutoresetMode
 
 from usbench import anatomy_record, suite
 from usbench.anchors import Anchors
-from usbench.checks import probability, unknown, whole_number
+from usbench.checks import as_configuration_error, probability, unknown, whole_number
 from usbench.envs import oracle
 from usbench.envs.anatomy import Anatomy
 from usbench.envs.bmode import Imaging
@@ -76,7 +76,7 @@ class Setting:
 
     def __post_init__(self) -> None:
         """Hold the values in their own types, or refuse them."""
-        try:
+        with as_configuration_error():
             if not isinstance(self.task, str) or self.task not in suite.TASKS:
                 raise unknown("task", self.task, suite.TASKS)
             object.__setattr__(self, "noise", probability("noise", self.noise))
@@ -90,8 +90,6 @@ class Setting:
             object.__setattr__(self, "probe", plain.probe)
             object.__setattr__(self, "imaging", plain.imaging)
             object.__setattr__(self, "senses", plain.senses.names)
-        except (TypeError, ValueError) as error:
-            raise ConfigurationError(str(error)) from error
 
     @classmethod
     def recorded(cls, config: TrialConfig) -> Setting:

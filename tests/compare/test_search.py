@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import tomllib
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 
@@ -303,7 +304,8 @@ def test_the_table_of_algorithms_takes_the_winner_of_the_own_protocol_alone(
     run(rules, tmp_path)
     assert set(zoo.winners()) == {"ppo"}
     # The same search, of the benchmark's own protocol now.
-    monkeypatch.setattr(protocol, "PATH", tmp_path / "protocol.toml")
+    own = tomllib.loads((tmp_path / "protocol.toml").read_text())
+    monkeypatch.setattr(protocol, "own_protocol", lambda: own)
     winner = run(rules, tmp_path)
     assert set(zoo.winners()) == {"ppo", "a2c"} and zoo.winners()["a2c"]["protocol"] == rules.digest
     rows = zoo._with_winners(zoo.UNSEARCHED)

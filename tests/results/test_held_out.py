@@ -82,7 +82,9 @@ def test_the_section_is_folded_and_has_no_columns_on_agents_that_there_are_not()
     section = text.split("\n## ")[0]
     about, fold, *rows = [line for line in section.splitlines() if line and line != "<details>"]
     assert (
-        about.startswith("Scores (IQM") and "many" not in about and fold == "<summary>Scores (1 row)</summary>"
+        about.startswith("Scores (IQM")
+        and "many" not in about
+        and fold == "<summary>Scores (1 row)</summary>"
     )
     assert rows == [
         "| agent | tested on | its own phantom | unseen phantoms | seeds |",

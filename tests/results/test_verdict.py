@@ -242,7 +242,7 @@ def test_scores_on_phantoms_never_seen_stand_in_the_first_paragraph():
 def test_scores_on_phantoms_never_seen_are_those_of_all_noises_together():
     trials = [one for noise in (0.0, 0.5) for one in seeds("vpg", LOW, noise=noise)]
     said = verdict.text(made(*trials), on_unseen(*trials))
-    assert "on unseen phantoms, the tested noises taken together, agents with 0.52 to 0.52 on `fp` have" in said
+    assert "unseen phantoms, the tested noises taken together, agents with 0.52 to 0.52 on `fp` have" in said
 
 
 def test_on_phantoms_never_seen_all_are_named_whose_intervals_overlap_an_end():

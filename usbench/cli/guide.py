@@ -8,7 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from usbench import released
-from usbench.checks import ConfigurationError, check_plain_name, check_seed, probability
+from usbench.checks import (
+    ConfigurationError,
+    as_configuration_error,
+    check_plain_name,
+    check_seed,
+    probability,
+)
 from usbench.cli.arguments import add_probe_and_imaging, add_runs, number, probe_and_imaging
 
 if TYPE_CHECKING:
@@ -104,15 +110,13 @@ def _check(args: argparse.Namespace) -> None:
     """Refuse what can be known to be wrong without PyTorch, before an address is told."""
     from usbench.guide import guided
 
-    try:
+    with as_configuration_error():
         if args.noise is not None:
             probability("noise", args.noise)
         if args.seed is not None:
             check_seed(args.seed)
         if args.study is not None:
             check_plain_name("the name of a study", args.study)
-    except (TypeError, ValueError) as error:
-        raise ConfigurationError(str(error)) from error
     if args.study is not None and args.seed is not None:
         raise ConfigurationError("--seed has no part in a study, whose episodes are the same for all.")
     if args.task is not None:

@@ -108,12 +108,10 @@ def _task(name: str) -> Table:
 
 def _algorithm(name: str) -> Table:
     from usbench.agents import zoo
-    from usbench.checks import ConfigurationError
+    from usbench.checks import as_configuration_error
 
-    try:
+    with as_configuration_error():
         entry = zoo.entry(name)
-    except (TypeError, ValueError) as error:
-        raise ConfigurationError(str(error)) from error
     table = _table(entry.title or name, "", "")
     table.add_row("algorithm", name)
     table.add_row("class", entry.cls)

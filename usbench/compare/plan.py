@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from usbench import suite
-from usbench.checks import whole_number
+from usbench.checks import as_configuration_error, whole_number
 from usbench.compare.protocol import Extra, Protocol
-from usbench.records import ConfigurationError, TrialConfig
+from usbench.records import TrialConfig
 from usbench.trials.configuration import resolve
 
 # In every comparison, whatever else is asked for. They do not learn, so that one trial of each is enough.
@@ -92,7 +92,5 @@ def _budget(task: str, budgets: int) -> int | None:
 
 def positive(name: str, value: Any) -> int:
     """Return `value` as a whole number of at least 1; ConfigurationError if it is none."""
-    try:
+    with as_configuration_error():
         return whole_number(name, value, low=1)
-    except (TypeError, ValueError) as error:
-        raise ConfigurationError(str(error)) from error

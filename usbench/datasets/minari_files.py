@@ -17,7 +17,7 @@ import numpy.typing as npt
 from usbench import records
 from usbench.anchors import Anchors
 from usbench.atomic import atomic_path, move_whole, scratch_folder
-from usbench.checks import ConfigurationError, check_seed, install, whole_number
+from usbench.checks import ConfigurationError, as_configuration_error, check_seed, install, whole_number
 from usbench.datasets import card, episodes
 from usbench.datasets.episodes import Played
 from usbench.setting import Setting
@@ -68,10 +68,8 @@ def write(
     """
     check_installed()
     setting = Setting(task=task, noise=noise)
-    try:
+    with as_configuration_error():
         n_episodes, seed = whole_number("episodes", n_episodes, 1, MAX_EPISODES), check_seed(seed)
-    except (TypeError, ValueError) as error:
-        raise ConfigurationError(str(error)) from error
     name = dataset_name(setting, agent)
     with _place(out):
         folder = _new_folder(name)

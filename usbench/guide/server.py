@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from usbench.checks import ConfigurationError, install, whole_number
+from usbench.checks import ConfigurationError, as_configuration_error, install, whole_number
 from usbench.guide.desk import ELSEWHERE, Desk, Tell, Work
 
 try:
@@ -130,10 +130,8 @@ def listening(port: Any = 0) -> Iterator[socket.socket]:
     Raises:
         ConfigurationError: If `port` is no port, or taken.
     """
-    try:
+    with as_configuration_error():
         number = whole_number("port", port, 0, 65535)
-    except (TypeError, ValueError) as error:
-        raise ConfigurationError(str(error)) from error
     try:
         listener = socket.create_server((HOST, number))
     except OSError as error:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from usbench import suite
-from usbench.checks import check_seed, unknown
+from usbench.checks import as_configuration_error, check_seed, unknown
 from usbench.guide import agents as guide_agents
 from usbench.guide import view
 from usbench.guide.agents import ORACLE, Known
@@ -342,7 +342,5 @@ def _changed(setting: Setting, tasks: Collection[str], values: Mapping[str, Any]
 
 
 def _seed(seed: Any) -> int:
-    try:
+    with as_configuration_error():
         return check_seed(seed)
-    except (TypeError, ValueError) as error:
-        raise ConfigurationError(str(error)) from error

@@ -8,8 +8,8 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from usbench.agents import zoo
-from usbench.checks import check_seed, whole_number
-from usbench.records import ConfigurationError, TrialConfig
+from usbench.checks import as_configuration_error, check_seed, whole_number
+from usbench.records import TrialConfig
 from usbench.records.configuration import LARGEST_COUNT, MAX_ENVS
 from usbench.setting import Setting
 
@@ -58,7 +58,7 @@ def resolve(
     Raises:
         ConfigurationError: If a name is unknown or a value is not allowed; one sentence says which.
     """
-    try:
+    with as_configuration_error():
         # Names first: they are cheap to check.
         entry = zoo.entry(algo)
         met = Setting(task=task, **setting)
@@ -75,8 +75,6 @@ def resolve(
         if steps > LARGEST_COUNT:
             raise ValueError(f"steps must be at most {LARGEST_COUNT}, not {steps}.")
         n_envs = _n_envs(n_envs, entry, steps, zoo.rollout_steps(algo, hyperparameters))
-    except (ValueError, TypeError) as error:
-        raise ConfigurationError(str(error)) from error
     return TrialConfig(
         task=task,
         algo=algo,

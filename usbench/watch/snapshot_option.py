@@ -8,7 +8,7 @@ from typing import Any
 from gymnasium.envs.registration import load_env_creator
 
 from usbench import setting_files
-from usbench.checks import number, whole_number
+from usbench.checks import as_configuration_error, number, whole_number
 from usbench.envs.anatomy.points import PointScatterers
 from usbench.envs.bmode import DEFAULT_IMAGING, MOST_DB, Imaging
 from usbench.envs.phantom import Phantom
@@ -88,7 +88,7 @@ def placed(
         ConfigurationError: If a value is not allowed, the probe is not on the tissue, does not sample such a
             frequency, or settings of a recorded image are asked for.
     """
-    try:
+    with as_configuration_error():
         pose = _on(source.tissue, Pose(x_mm, focal_depth_mm, angle_deg))
         if frequency_mhz is None and dynamic_range_db is None:
             return source, pose
@@ -102,8 +102,6 @@ def placed(
         setup = Setup(*place, frequency_khz=khz, dynamic_range_db=range_db)
         tuned(setup, source.probe, source.imaging)  # refuses a frequency that this probe does not sample
         return source, setup
-    except (TypeError, ValueError) as error:
-        raise ConfigurationError(str(error)) from error
 
 
 def recorded(asked: str) -> ConfigurationError:
@@ -137,7 +135,7 @@ def imaging_of(source: Source, pixel_mm: Any = None, median_size: Any = None) ->
         median_size = 1 if median_size is None else median_size
         # Room for the pulse, and whole mm for the axis.
         width, depth = source.probe.width, math.ceil(1.05e3 * float(points.positions[:, 2].max()) + 2) * 1e-3
-    try:
+    with as_configuration_error():
         if median_size is not None:
             imaging = replace(imaging, median_size=median_size)
         if pixel_mm is not None:
@@ -148,8 +146,6 @@ def imaging_of(source: Source, pixel_mm: Any = None, median_size: Any = None) ->
                 height_px=max(round(depth / size), 1),
                 width_px=max(round(width / size), 1),
             )
-    except (TypeError, ValueError) as error:
-        raise ConfigurationError(str(error)) from error
     return imaging
 
 
@@ -186,11 +182,9 @@ def usual_imaging(task: str | None) -> Imaging:
     Raises:
         ConfigurationError: If there is no such task.
     """
-    try:
+    with as_configuration_error():
         environment: Any = load_env_creator(row_of(task or PAPER[0]).entry_point)
         return environment.default_imaging  # type: ignore[no-any-return]
-    except (TypeError, ValueError) as error:
-        raise ConfigurationError(str(error)) from error
 
 
 def phantom_of(task: str | None, number: Any = None) -> Phantom:
@@ -199,7 +193,7 @@ def phantom_of(task: str | None, number: Any = None) -> Phantom:
     Raises:
         ConfigurationError: If there is no such task or number, or the task has one phantom alone.
     """
-    try:
+    with as_configuration_error():
         environment: Any = load_env_creator(row_of(task or PAPER[0]).entry_point)
         if issubclass(environment, RandomPhantomEnv):
             phantoms: PhantomDistribution = environment.distribution
@@ -210,5 +204,3 @@ def phantom_of(task: str | None, number: Any = None) -> Phantom:
                 f"only {many} have several phantoms to choose from by number: every other task has one."
             )
         return environment.default_phantom  # type: ignore[no-any-return]
-    except (TypeError, ValueError) as error:
-        raise ConfigurationError(str(error)) from error
