@@ -2,6 +2,7 @@
 
 import os
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
@@ -16,6 +17,22 @@ def test_failed_write_leaves_the_old_file_and_no_leftover(tmp_path):
         raise RuntimeError
     assert path.read_bytes() == b"old"
     assert os.listdir(tmp_path) == ["file"]
+
+
+def test_files_of_several_threads_have_the_rights_that_the_process_gives(tmp_path):
+    before = os.umask(0o027)
+
+    def write(number):
+        with atomic_file(tmp_path / str(number)) as file:
+            file.write(b"whole")
+
+    try:
+        with ThreadPoolExecutor(8) as pool:
+            list(pool.map(write, range(400)))
+        assert os.umask(0o027) == 0o027
+    finally:
+        os.umask(before)
+    assert {path.stat().st_mode & 0o777 for path in tmp_path.iterdir()} == {0o640}
 
 
 def test_scratch_folder_is_gone_afterwards_and_what_was_moved_stays(tmp_path):

@@ -133,6 +133,14 @@ def test_worker_that_dies_takes_only_its_trial_with_it(quick, tmp_path, monkeypa
         assert trials.bits(tmp_path / config.folder_name) == trials.bits(undisturbed(config.algo))
 
 
+def test_a_closed_terminal_is_left_to_the_parent(monkeypatch):
+    monkeypatch.setattr(multiprocessing, "get_context", lambda _: children.CONTEXT)
+    with sweep.processes() as executor:
+        for number in (signal.SIGINT, signal.SIGHUP):
+            executor.submit(signal.raise_signal, number).result()
+        assert executor.submit(sum, (1, 2)).result() == 3
+
+
 def test_interrupted_sweep_keeps_the_state_of_its_trials(quick, tmp_path):
     config = resolve("vpg", "pp", steps=100_000)
     executor = functools.partial(sweep.processes, sweep_worker.quick)

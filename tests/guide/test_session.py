@@ -214,7 +214,8 @@ def test_seed_that_is_none_is_refused(tmp_path):
 
 
 def test_broken_trials_are_left_out(finished):
-    for number, text in enumerate(("{", "[]", '{"schema": 1}', '{"schema": 1, "config": {"algo": 3}}')):
+    texts = ("{", "[]", "[" * 100_000, '{"schema": 1}', '{"schema": 1, "config": {"algo": 3}}')
+    for number, text in enumerate(texts):
         folder = finished.parent / f"broken{number}"
         folder.mkdir()
         (folder / records.TRIAL).write_text(text)

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import threading
 
 import pytest
 
@@ -114,7 +115,9 @@ def test_a_study_is_played_in_one_guide_at_a_time(tmp_path):
     first = Session(tmp_path, study="anna")
     with pytest.raises(ConfigurationError, match="the study 'anna' is played in another guide"):
         Session(tmp_path, study="anna")
-    first.close()
+    thread = threading.Thread(target=first.close)  # as in a server, whose work may be done in another thread
+    thread.start()
+    thread.join()
     assert Session(tmp_path, study="anna").study.n_done == 0
 
 
