@@ -117,6 +117,40 @@ def test_hyperparameters_of_another_protocol_are_refused(here, capsys, monkeypat
     assert not Path("runs").exists()
 
 
+def test_agents_that_learn_may_see_and_be_told_something_else():
+    planned = plan.by_protocol(
+        protocol.read(),
+        algos=["double_dqn"],
+        tasks=["pp-tracked"],
+        noises=[0],
+        n_seeds=2,
+        n_frames=2,
+        senses=["heading", "actions"],
+    )
+    told = {config.algo: (config.n_frames, tuple(config.environment.get("senses", ()))) for config in planned}
+    usual = (4, ("position", "heading"))
+    assert told == {
+        "double_dqn": (2, ("heading", "actions")),
+        **dict.fromkeys(plan.REFERENCE_POLICIES, usual),
+    }
+    assert len(planned) == 5
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"table": "long", "n_frames": 2}, "the table 'long' says .* leave out n_frames"),
+        ({"table": "long", "senses": []}, "the table 'long' says .* leave out senses"),
+        ({"n_frames": 0}, r"n_frames must be a whole number in \[1, 64\], not 0"),
+        ({"senses": ["smell"]}, "smell"),
+        ({"tasks": ["fp"], "senses": ["heading"]}, "heading"),
+    ],
+)
+def test_what_no_agent_of_a_comparison_can_see_is_refused(options, said):
+    with pytest.raises(records.ConfigurationError, match=said):
+        plan.by_protocol(protocol.read(), **options)
+
+
 def test_comparison_from_end_to_end_and_the_same_bytes_once_more(here, capsys):
     assert cli.main(["compare", *GRID]) == 0
     captured = capsys.readouterr()

@@ -120,6 +120,17 @@ def add_sweep(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--quiet", action="store_true", help="no progress")
 
 
+def add_senses(parser: argparse.ArgumentParser) -> None:
+    """Add the option for what agents are told beside the frames."""
+    parser.add_argument(
+        "--senses",
+        nargs="*",
+        metavar="SENSE",
+        help="what the agent is told beside the frames: position, focus, heading, actions "
+        "(default: the task's own, most tasks have none)",
+    )
+
+
 def add_probe_and_imaging(parser: argparse.ArgumentParser) -> None:
     """Add the options for another probe and another imaging than the default ones."""
     parser.add_argument(

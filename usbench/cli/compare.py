@@ -12,6 +12,7 @@ from usbench.cli.arguments import (
     GOES_ON,
     LEADERBOARD,
     add_leaderboard_file,
+    add_senses,
     add_sweep,
     number,
     tell_watcher,
@@ -33,6 +34,9 @@ EXAMPLES = """examples:
       a further table of the protocol, with a leaderboard apart:
       tables/single-frames/leaderboard.md
   usbench compare --algos vpg ppo --tasks pp --noise 0 --seeds 10 --jobs 8
+  usbench compare --algos double_dqn --tasks pp-tracked --noise 0 --seeds 4 \\
+      --n-frames 2 --senses position heading actions --out tracked
+      an agent that is told its own last action, on unseen phantoms
   usbench compare --steps 1024 --seeds 2 --out quick \\
       --leaderboard quick/leaderboard.md
       a minute's try
@@ -83,6 +87,13 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
     compare.add_argument(
         "--steps", type=number, metavar="N", help="training steps (default: the task's budget)"
     )
+    compare.add_argument(
+        "--n-frames",
+        type=number,
+        metavar="N",
+        help="frames in one observation of agents that learn (default 4)",
+    )
+    add_senses(compare)
     add_leaderboard_file(
         compare,
         "leaderboard.md, and tables/NAME/leaderboard.md with --table NAME; below the folder of the trials "
@@ -119,6 +130,8 @@ def _call(args: argparse.Namespace) -> None:
         noises=args.noise,
         n_seeds=args.seeds,
         steps=args.steps,
+        n_frames=args.n_frames,
+        senses=args.senses,
     )
     if args.leaderboard is None:
         usual = LEADERBOARD if args.table is None else TABLES / args.table / LEADERBOARD

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from usbench.cli.arguments import (
     GOES_ON,
     add_probe_and_imaging,
+    add_senses,
     each_once,
     number,
     probe_and_imaging,
@@ -65,13 +66,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         metavar="N",
         help="phantoms that there are in training, in a task that draws them (default: no limit)",
     )
-    run.add_argument(
-        "--senses",
-        nargs="*",
-        metavar="SENSE",
-        help="what the agent is told beside the frames: position, focus, heading, actions "
-        "(default: the task's own, most tasks have none)",
-    )
+    add_senses(run)
     run.add_argument(
         "--reward",
         default="normalized",

@@ -1,12 +1,13 @@
 """The trials that a comparison of algorithms takes."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 from usbench import suite
 from usbench.checks import as_configuration_error, whole_number
 from usbench.compare.protocol import Extra, Protocol
-from usbench.records import TrialConfig
+from usbench.records import ConfigurationError, TrialConfig
 from usbench.trials.configuration import resolve
 
 # In every comparison, whatever else is asked for. They do not learn, so that one trial of each is enough.
@@ -22,13 +23,23 @@ def by_protocol(
     noises: Sequence[Any] | None = None,
     n_seeds: Any = None,
     steps: Any = None,
+    n_frames: Any = None,
+    senses: Sequence[str] | None = None,
 ) -> list[TrialConfig]:
     """Return the trials of the protocol's grid, or of one of its further tables; None is what that says.
 
+    `n_frames` and `senses` are what agents that learn see and are told, in place of the tasks' own.
+
     Raises:
-        ConfigurationError: If a name is unknown, a value is not allowed, the pool has fewer seeds, or the
-            hyperparameters were chosen under another protocol; one sentence says which.
+        ConfigurationError: If a name is unknown, a value is not allowed, the pool has fewer seeds, the
+            hyperparameters were chosen under another protocol, or agents of a further table are to see or be
+            told something else; one sentence says which.
     """
+    own = {name: one for name, one in (("n_frames", n_frames), ("senses", senses)) if one is not None}
+    if own and table is not None:
+        raise ConfigurationError(
+            f"the table {table!r} says what its agents see and are told: leave out {' and '.join(own)}."
+        )
     grid = protocol.comparison
     extra = Extra(table or "", grid.noises, grid.seeds) if table is None else grid.extra(table)
     algos = algos or extra.rows or grid.rows
@@ -43,6 +54,7 @@ def by_protocol(
         protocol.comparison_seeds(extra.seeds if n_seeds is None else positive("seeds", n_seeds)),
         steps,
         extra.budgets,
+        of_learners=own,
         **setting,
     )
 
@@ -54,13 +66,15 @@ def plan(
     seeds: Sequence[int],
     steps: Any = None,
     budgets: int = 1,
+    *,
+    of_learners: Mapping[str, Any] = MappingProxyType({}),
     **setting: Any,
 ) -> list[TrialConfig]:
     """Return the trials of all algorithms on all tasks with all noises and seeds.
 
     Cells come one after the other, and within a cell the seeds: a comparison that is stopped has whole cells,
     and in the last one has done the same for every algorithm. Where `steps` is None, each task is trained
-    with `budgets` times its budget. `setting` goes to `resolve`.
+    with `budgets` times its budget. `setting` goes to `resolve`, for agents that learn with `of_learners`.
 
     Raises:
         ConfigurationError: If a name is unknown or a value is not allowed; one sentence says which.
@@ -76,7 +90,7 @@ def plan(
             noise=noise,
             seed=seed,
             steps=_budget(task, budgets) if steps is None else steps,
-            **setting,
+            **{**setting, **of_learners},
         )
         for task, noise in cells
         for seed in seeds
