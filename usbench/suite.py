@@ -72,7 +72,7 @@ def guidance_of(name: str, row: Row) -> GuidanceTask:
     register_row(row)
     try:
         environment: Any = load_env_creator(row.entry_point)
-        task, told = environment.task, tuple(environment.default_senses)
+        task, told = environment.task, environment.default_senses
     except Exception as error:  # of a stranger's module, which may raise anything
         raise ConfigurationError(
             f"the environment {row.entry_point!r} of the task {name!r} cannot be used "
@@ -88,9 +88,10 @@ def guidance_of(name: str, row: Row) -> GuidanceTask:
             f"the row of the task {name!r} must have the {task.n_steps} steps of its environment, not "
             f"n_steps={row.n_steps}."
         )
-    if row.senses != told:
+    if {*row.senses} != {*told}:
         raise ConfigurationError(
-            f"the row of the task {name!r} must have the senses of its environment, {told}, not {row.senses}."
+            f"the row of the task {name!r} must have the senses of its environment, {told!r}, not "
+            f"{row.senses!r}."
         )
     if task.actions[0].move != Move():
         raise ConfigurationError(f"the first action of the task {name!r} must move nothing.")

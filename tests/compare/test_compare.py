@@ -127,23 +127,37 @@ def test_agents_that_learn_may_see_and_be_told_something_else():
         n_frames=2,
         senses=["heading", "actions"],
     )
-    told = {config.algo: (config.n_frames, tuple(config.environment.get("senses", ()))) for config in planned}
-    usual = (4, ("position", "heading"))
-    assert told == {
-        "double_dqn": (2, ("heading", "actions")),
-        **dict.fromkeys(plan.REFERENCE_POLICIES, usual),
-    }
-    assert len(planned) == 5
+    told = [(config.algo, config.n_frames, tuple(config.environment.get("senses", ()))) for config in planned]
+    references = [(name, 4, ("position", "heading")) for name in plan.REFERENCE_POLICIES]
+    assert told == references + 2 * [("double_dqn", 2, ("heading", "actions"))]
+
+
+def test_the_command_says_what_agents_see_and_are_told(here):
+    Path("runs").mkdir()
+    told = ["--algos", "double_dqn", "--tasks", "pp-tracked", "--noise", "0", "--seeds", "1"]
+    assert cli.main(["compare", *told, "--report-only", "--n-frames", "2", "--senses", "actions"]) == 0
+    trials = tables.read(Path("leaderboard_files")).trials.set_index("algo")
+    settings = trials["settings"]["double_dqn"]
+    assert (tables.n_frames(settings), tables.senses(settings)) == (2, ("actions",))
 
 
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"table": "long", "n_frames": 2}, "the table 'long' says .* leave out n_frames"),
-        ({"table": "long", "senses": []}, "the table 'long' says .* leave out senses"),
+        ({"n_frames": 2}, "n_frames cannot be chosen on 'fp' with 16064 steps"),
+        ({"table": "long", "n_frames": 2}, "n_frames cannot be chosen on 'fp' with 64256 steps"),
+        ({"table": "other-tasks", "senses": []}, "senses cannot be chosen on 'exam' with 32128 steps"),
+        ({"tasks": ["pp-random"], "senses": []}, "senses cannot be chosen on 'pp-random' with 16064 steps"),
+        (
+            {"tasks": ["exam-random"], "senses": ["heading"]},
+            "agents of 'exam-random' may be told 'actions', and nothing else",
+        ),
+        (
+            {"tasks": ["pp-tracked"], "algos": ["random"], "n_frames": 2, "senses": []},
+            "n_frames and senses cannot be chosen where no agent learns",
+        ),
         ({"n_frames": 0}, r"n_frames must be a whole number in \[1, 64\], not 0"),
-        ({"senses": ["smell"]}, "smell"),
-        ({"tasks": ["fp"], "senses": ["heading"]}, "heading"),
+        ({"senses": ["smell"]}, "unknown sense 'smell'"),
     ],
 )
 def test_what_no_agent_of_a_comparison_can_see_is_refused(options, said):

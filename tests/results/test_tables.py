@@ -245,8 +245,10 @@ def test_broken_table_is_refused(tmp_path, text):
     ("column", "value", "said"),
     [
         ("status", "done", "a has the status 'done', not one of finished, running"),
-        ("settings", "", "a has settings that are not a JSON object, ''"),
-        ("settings", "[1]", "a has settings that are not a JSON object, '.1.'"),
+        ("settings", "", "a has settings that no trial has, ''"),
+        ("settings", "[1]", "a has settings that no trial has, '.1.'"),
+        ("settings", '{"senses": 3}', "a has settings that no trial has, '.*3.'"),
+        ("settings", '{"n_frames": "x"}', "a has settings that no trial has, '.*x"),
     ],
 )
 def test_trial_of_a_table_that_cannot_be_is_refused(tmp_path, column, value, said):

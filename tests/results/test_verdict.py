@@ -245,6 +245,11 @@ def test_scores_on_phantoms_never_seen_are_those_of_all_noises_together():
     assert "unseen phantoms, the tested noises taken together, agents with 0.52 to 0.52 on `fp` have" in said
 
 
+def test_noises_of_one_task_each_are_not_taken_together():
+    trials = [*seeds("vpg", LOW, noise=0.5), *seeds("vpg", LOW, task="pp")]
+    assert "on unseen phantoms, agents with" in verdict.text(made(*trials), on_unseen(*trials))
+
+
 def test_on_phantoms_never_seen_all_are_named_whose_intervals_overlap_an_end():
     trials = [*seeds("vpg", LOW), *seeds("ppo", HIGH), *seeds("a2c", MIDDLE)]
     rows = on_unseen(*trials)

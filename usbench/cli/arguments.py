@@ -120,13 +120,13 @@ def add_sweep(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--quiet", action="store_true", help="no progress")
 
 
-def add_senses(parser: argparse.ArgumentParser) -> None:
-    """Add the option for what agents are told beside the frames."""
+def add_senses(parser: argparse.ArgumentParser, where: str = "") -> None:
+    """Add the option for what agents are told beside the frames; `where` says in words on which tasks."""
     parser.add_argument(
         "--senses",
         nargs="*",
         metavar="SENSE",
-        help="what the agent is told beside the frames: position, focus, heading, actions "
+        help=f"what the agent is told beside the frames{where}: position, focus, heading, actions "
         "(default: the task's own, most tasks have none)",
     )
 

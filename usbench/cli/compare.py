@@ -91,9 +91,9 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         "--n-frames",
         type=number,
         metavar="N",
-        help="frames in one observation of agents that learn (default 4)",
+        help="frames in one observation of agents that learn on unseen phantoms (default 4)",
     )
-    add_senses(compare)
+    add_senses(compare, " on unseen phantoms, if it learns")
     add_leaderboard_file(
         compare,
         "leaderboard.md, and tables/NAME/leaderboard.md with --table NAME; below the folder of the trials "

@@ -5,9 +5,12 @@ from types import MappingProxyType
 from typing import Any
 
 from usbench import suite
+from usbench.ceilings import ACTIONS
 from usbench.checks import as_configuration_error, whole_number
+from usbench.compare.own_task import is_on_its_task
 from usbench.compare.protocol import Extra, Protocol
 from usbench.records import ConfigurationError, TrialConfig
+from usbench.results.protocol import unseen
 from usbench.trials.configuration import resolve
 
 # In every comparison, whatever else is asked for. They do not learn, so that one trial of each is enough.
@@ -28,18 +31,15 @@ def by_protocol(
 ) -> list[TrialConfig]:
     """Return the trials of the protocol's grid, or of one of its further tables; None is what that says.
 
-    `n_frames` and `senses` are what agents that learn see and are told, in place of the tasks' own.
+    `n_frames` and `senses` are what agents that learn see and are told, in place of the tasks' own; both are
+    for trials of the table of unseen phantoms.
 
     Raises:
         ConfigurationError: If a name is unknown, a value is not allowed, the pool has fewer seeds, the
-            hyperparameters were chosen under another protocol, or agents of a further table are to see or be
-            told something else; one sentence says which.
+            hyperparameters were chosen under another protocol, or agents must not see or be told something
+            else; one sentence says which.
     """
     own = {name: one for name, one in (("n_frames", n_frames), ("senses", senses)) if one is not None}
-    if own and table is not None:
-        raise ConfigurationError(
-            f"the table {table!r} says what its agents see and are told: leave out {' and '.join(own)}."
-        )
     grid = protocol.comparison
     extra = Extra(table or "", grid.noises, grid.seeds) if table is None else grid.extra(table)
     algos = algos or extra.rows or grid.rows
@@ -47,7 +47,7 @@ def by_protocol(
     if extra.network is not None:
         algos = [algo if algo in REFERENCE_POLICIES else f"{algo}+{extra.network}" for algo in algos]
     setting = {} if extra.n_frames is None else {"n_frames": extra.n_frames}
-    return plan(
+    planned = plan(
         algos,
         tasks or extra.tasks or grid.tasks,
         noises or extra.noises,
@@ -57,6 +57,25 @@ def by_protocol(
         of_learners=own,
         **setting,
     )
+    if own:
+        _check_open(planned, " and ".join(own))
+    return planned
+
+
+def _check_open(planned: Sequence[TrialConfig], names: str) -> None:
+    """Raise ConfigurationError unless agents that learn may choose what they see and are told."""
+    learners = {config.task: config for config in planned if config.steps}
+    for task, config in learners.items():
+        if not unseen.has(task, config.steps):
+            raise ConfigurationError(
+                f"{names} cannot be chosen on {task!r} with {config.steps} steps: they can in the table "
+                f"{unseen.NAME!r} alone (docs/submit.md)."
+            )
+        if not is_on_its_task(config):
+            told = ", ".join(map(repr, (*suite.TASKS[task].senses, ACTIONS)))
+            raise ConfigurationError(f"agents of {task!r} may be told {told}, and nothing else.")
+    if not learners:
+        raise ConfigurationError(f"{names} cannot be chosen where no agent learns.")
 
 
 def plan(

@@ -149,8 +149,8 @@ def section(known: pd.DataFrame) -> str:
     Columns on agents that were trained on many phantoms are there only where there are such agents.
     """
     trained_on_many = known["many"].notna().any()
-    head = ["agent", "tested on", "its own phantom", "unseen phantoms"]
-    head += ["trained on many", "gap", "seeds"] if trained_on_many else ["seeds"]
+    head = ["agent", "phantoms of", "score on its own", "score on unseen ones"]
+    head += ["score trained on many", "gap", "seeds"] if trained_on_many else ["seeds"]
     lines = []
     for row in known.to_dict("records"):
         parts = ("seen", "one", "many") if trained_on_many else ("seen", "one")
@@ -164,8 +164,8 @@ def section(known: pd.DataFrame) -> str:
     about = "Scores (IQM, greedy actions) of agents that learned on one phantom: on it, and on others."
     if trained_on_many:
         about += (
-            " Trained on many: of agents that learned on many phantoms, on the same unseen ones; gap: that "
-            "less the score on unseen phantoms."
+            " Score trained on many: of agents that learned on many phantoms, on the same unseen ones; gap: "
+            "that score minus the score on unseen ones."
         )
     if "pp-random" in set(known["task"]):
         about += " `pp-random` has other starts than `pp`, too."

@@ -19,7 +19,7 @@ import pandas as pd
 
 from usbench import records
 from usbench.atomic import atomic_file
-from usbench.records import EXPLORATION, Trial, TrialConfig
+from usbench.records import EXPLORATION, ConfigurationError, Trial, TrialConfig
 from usbench.records.journal import UNREADABLE
 from usbench.tasks import row_of
 from usbench.words import in_one_line
@@ -95,11 +95,12 @@ def collect(
         runs: Folder of trial folders.
         planned: The trials that were asked for: only these count, and those without a record are rows of
             status "missing". Without it, every trial in the folder counts.
-        damaged: Told, in a sentence, of each trial whose record is broken, which is then left out. Without
-            it, such a trial is an error.
+        damaged: Told, in a sentence, of each trial whose record is broken, or whose task is not installed,
+            which is then left out. Without it, such a trial is an error.
         names: The folders that are read, where none is planned; None for all.
 
     Raises:
+        ConfigurationError: If the task of a trial is not installed.
         FileNotFoundError: If there is no such folder.
         ValueError: If a record is broken, or two folders hold the same trial.
     """
@@ -140,13 +141,18 @@ def collect(
 
 
 def _found(folder: Path) -> Trial | None:
-    """Return the trial in `folder`, None if none has begun there; ValueError if it cannot be shown."""
+    """Return the trial in `folder`, None if none has begun there.
+
+    Raises:
+        ConfigurationError: If its task is not installed.
+        ValueError: If its record is broken.
+    """
     trial = Trial.find(folder)
     if trial is not None:
         try:
             row_of(trial.config.task)
         except ValueError as error:
-            raise ValueError(f"the trial {str(folder)!r} cannot be shown: {error}") from error
+            raise ConfigurationError(f"the trial {str(folder)!r} cannot be shown: {error}") from error
     return trial
 
 
@@ -178,10 +184,10 @@ def _misfit(status: str, settings: str) -> str:
     if status not in STATUSES:
         return f"the status {status!r}, not one of {', '.join(STATUSES)}"
     try:
-        held = json.loads(settings)
-    except UNREADABLE:
-        held = None
-    return "" if isinstance(held, dict) else f"settings that are not a JSON object, {reprlib.repr(settings)}"
+        n_frames(settings), senses(settings)
+    except (*UNREADABLE, AttributeError, TypeError):
+        return f"settings that no trial has, {reprlib.repr(settings)}"
+    return ""
 
 
 def _read(path: Path, columns: Mapping[str, type]) -> pd.DataFrame:

@@ -232,7 +232,8 @@ def _phantoms(own: Results, tested: pd.DataFrame | None) -> list[str]:
             f"{_where_tested(own.trials[own.trials['task'] == task], tested)} have "
             f"{number(rows['elsewhere'].min(), 2)} to {number(rows['elsewhere'].max(), 2)}{_ends(rows)}"
         )
-    several = own.trials[own.trials["trial"].isin(tested["trial"])]["noise"].nunique() > 1
+    trials = own.trials[own.trials["trial"].isin(tested["trial"])]
+    several = (trials.groupby("task")["noise"].nunique() > 1).any()
     together = ", the tested noises taken together" if several else ""
     return [f"{here}: on unseen phantoms{together}, {', and '.join(clauses)}."]
 

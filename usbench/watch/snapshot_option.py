@@ -157,12 +157,10 @@ def _frequency_khz(frequency_mhz: Any) -> int:
 
 
 def _range_db(imaging: Imaging, dynamic_range_db: Any) -> int:
-    if dynamic_range_db is not None:
-        return whole_number("dynamic_range_db", dynamic_range_db, *RANGE_DB)
-    try:
-        return whole_number("dynamic_range_db", imaging.dynamic_range_db, *RANGE_DB)
-    except ValueError as error:
-        raise ValueError(f"{error} That is the imaging's: give one beside the frequency.") from error
+    if dynamic_range_db is None:  # then there is a frequency
+        name = "the imaging's dynamic_range_db beside a frequency"
+        return whole_number(name, imaging.dynamic_range_db, *RANGE_DB)
+    return whole_number("dynamic_range_db", dynamic_range_db, *RANGE_DB)
 
 
 def _within(value: float, limits: tuple[float, float]) -> bool:
