@@ -170,6 +170,14 @@ def test_folder_of_a_trial_without_an_episode_is_used_again(tmp_path):
     assert not list(tmp_path.glob("*.earlier-*"))
 
 
+def test_what_an_agent_that_learns_nothing_left_is_not_kept_beside(tmp_path):
+    folder = trial(tmp_path, rows=1)
+    for name in (records.REPLAY, records.LEARNING_CURVE):
+        (folder / name).touch()
+    assert records.create(tmp_path, CONFIG) == folder
+    assert [path.name for path in tmp_path.glob("*/*")] == [records.TRIAL]
+
+
 def test_somebody_elses_file_in_a_trial_folder_is_never_removed(tmp_path):
     (trial(tmp_path, status="running") / "notes.txt").write_text("mine")
     folder = records.create(tmp_path, CONFIG)

@@ -101,7 +101,7 @@ def test_a_trial_tells_where_the_volume_was_and_what_was_looked_for(trial, _made
 def test_the_command_line_makes_the_same_trial(trial, file, capsys, tmp_path):
     run = ["run", "--algo", "vpg", "--task", "pp", "--steps", "64", "--out", str(tmp_path / "again")]
     assert cli.main([*run, "--phantom", str(file), "frames=recorded", *TARGET]) == 0
-    assert str(tmp_path / "again" / trial.name / replay.REPLAY) in capsys.readouterr().out
+    assert str(tmp_path / "again" / trial.name / records.REPLAY) in capsys.readouterr().out
     assert (tmp_path / "again" / trial.name / records.EPISODES).read_bytes() == (
         trial / records.EPISODES
     ).read_bytes()

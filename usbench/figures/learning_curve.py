@@ -7,9 +7,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from usbench.figures import looks, style
-from usbench.records import Trial
+from usbench.records import LEARNING_CURVE, Trial
 
-LEARNING_CURVE = "learning_curve.png"
 SMOOTHING_EPISODES = 40
 # Whether actions are greedy, label and look: both in the agent's colour, greedy actions with its marker, so
 # that a grey print can be read.

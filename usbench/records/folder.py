@@ -2,7 +2,8 @@
 
 A trial folder holds `trial.json` (resolved configuration, versions, hash of the frames, status, anchors),
 `episodes.jsonl` (one line per training episode), `evaluations.jsonl` (one line per evaluation episode),
-`model.zip` and TensorBoard events; while it runs, `checkpoints` too.
+`model.zip` and TensorBoard events; while it runs, `checkpoints` too. `usbench run` draws two pictures beside
+them, `replay.gif` and `learning_curve.png`.
 """
 
 import re
@@ -17,11 +18,12 @@ TRIAL, EPISODES, EVALUATIONS, MODEL = "trial.json", "episodes.jsonl", "evaluatio
 # The weights of a released agent, as plain arrays; see `usbench.released`.
 WEIGHTS = "weights.npz"
 TENSORBOARD, CHECKPOINTS = "tensorboard", "checkpoints"
+REPLAY, LEARNING_CURVE = "replay.gif", "learning_curve.png"
 _EARLIER = re.compile(r"\.earlier-\d+$")
 
 
 def create(out: Path, config: TrialConfig) -> Path:
-    """Make an empty trial folder and return its path; an earlier one with episodes is kept beside it.
+    """Make an empty trial folder and return its path; an earlier one with training episodes stays beside it.
 
     Raises:
         ConfigurationError: If the folder cannot be made or written.
@@ -50,9 +52,9 @@ def unwritable(out: Path, error: OSError) -> ConfigurationError:
 
 
 def _has_episodes(folder: Path) -> bool:
-    """Return whether a trial recorded an episode in `folder`, or somebody has put files there."""
+    """Return whether a trial recorded a training episode in `folder`, or somebody has put files there."""
     sizes = {path.name: path.stat().st_size for path in folder.iterdir()}
-    made = {TRIAL, EPISODES, EVALUATIONS, MODEL, TENSORBOARD, CHECKPOINTS}
+    made = {TRIAL, EPISODES, EVALUATIONS, MODEL, TENSORBOARD, CHECKPOINTS, REPLAY, LEARNING_CURVE}
     return not sizes.keys() <= made or bool(sizes.get(EPISODES))
 
 
@@ -65,7 +67,7 @@ def _put_aside(folder: Path) -> None:
 
 
 def _empty(folder: Path) -> None:
-    """Remove what a trial left that ended before its first episode."""
+    """Remove what a trial left that had no training episode."""
     for path in folder.iterdir():
         shutil.rmtree(path) if path.is_dir() else path.unlink()
 

@@ -7,12 +7,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from usbench.records import Trial
+from usbench.records import REPLAY, Trial
 from usbench.setting import Setting
 from usbench.watch import episode, film
 from usbench.watch.moment import Ask, Moment
-
-REPLAY = "replay.gif"
 
 
 def typical(evaluation: pd.DataFrame) -> dict[str, Any]:
