@@ -263,12 +263,10 @@ class Setting:
 
     def _of_drawn_phantoms(self, made: Callable[..., T], what: str) -> T:
         """Return what is made for the task, its phantoms, senses and noise."""
-        try:
+        with as_configuration_error():
             self._check_drawn(what)
             plain = self.plain_env()
             return made(plain.task, plain.distribution, plain.senses.names, self.noise)
-        except ValueError as error:
-            raise ConfigurationError(str(error)) from error
 
     def plan(self, target: Pose) -> oracle.Policy:
         """Return the best policy that knows the pose of the probe and the pose that shows the object best."""

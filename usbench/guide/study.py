@@ -15,7 +15,7 @@ from typing import Any
 from filelock import Timeout
 
 from usbench.atomic import atomic_file
-from usbench.checks import check_plain_name
+from usbench.checks import as_configuration_error, check_plain_name
 from usbench.guide.examination import Examination, Opened
 from usbench.records import EVALUATIONS, ConfigurationError, Evaluation, unwritable
 from usbench.records.journal import UNREADABLE, append_all, cut_torn_line, read_rows, told
@@ -70,10 +70,8 @@ class Study:
             ConfigurationError: If `name` cannot be that of a folder, the study has begun otherwise, or
                 another guide plays it.
         """
-        try:
+        with as_configuration_error():
             self.name, self.setting = check_plain_name("the name of a study", name), setting
-        except ValueError as error:
-            raise ConfigurationError(str(error)) from error
         self.folder, self.plays = folder_of(runs, name), plan(name, setting)
         record = {"study": name, "task": setting.task, "noise": setting.noise, "agent": agent}
         record["plays"] = len(self.plays)

@@ -222,8 +222,7 @@ def _phantoms(own: Results, tested: pd.DataFrame | None) -> list[str]:
     if not tasks:
         return []
     here = f"{names(tasks)} {'are' if len(tasks) > 1 else 'is'} evaluated on the phantom of training"
-    known = None if tested is None or tested.empty else held_out.by_task(own, tested)
-    if known is None or known.empty:
+    if tested is None or (known := held_out.by_task(own, tested)).empty:
         return [f"{here}; how its agents do on others is not tested here."]
     clauses = []
     for task, rows in known.groupby("task"):
