@@ -244,7 +244,7 @@ def test_broken_table_is_refused(tmp_path, text):
 @pytest.mark.parametrize(
     ("column", "value", "said"),
     [
-        ("status", "done", "a has the status 'done', not one of finished, running"),
+        ("status", "done", "a has the status 'done', not one of running, interrupted"),
         ("settings", "", "a has settings that no trial has, ''"),
         ("settings", "[1]", "a has settings that no trial has, '.1.'"),
         ("settings", '{"senses": 3}', "a has settings that no trial has, '.*3.'"),

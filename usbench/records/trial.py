@@ -28,6 +28,8 @@ STRICT = ConfigDict(
     strict=True, allow_inf_nan=False, extra="ignore", validate_by_name=True, serialize_by_alias=True
 )
 
+# How a trial stands.
+Status = Literal["running", "interrupted", "failed", "finished"]
 Count = Annotated[int, Ge(0), Le(LARGEST_COUNT)]
 Means = Mapping[str, float]
 MEASURED = ("return", "final_distance_mm", "final_sin_angle", "is_success")
@@ -78,7 +80,7 @@ class Trial:
     """
 
     folder: Path = Field(exclude=True)
-    status: Literal["running", "interrupted", "failed", "finished"]
+    status: Status
     config: TrialConfig
     anchors: Anchors
     reason: str | None = None

@@ -12,7 +12,7 @@ import reprlib
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pandas as pd
@@ -21,13 +21,14 @@ from usbench import records
 from usbench.atomic import atomic_file
 from usbench.records import EXPLORATION, ConfigurationError, Trial, TrialConfig
 from usbench.records.journal import UNREADABLE
+from usbench.records.trial import Status
 from usbench.tasks import row_of
 from usbench.words import in_one_line
 
 TRIALS, CURVES = "trials.csv", "curves.csv"
 ORDER = ["task", "noise", "algo", "configuration", "seed"]
 MISSING = "missing"
-STATUSES = ("finished", "running", "interrupted", "failed", MISSING)
+STATUSES = (*get_args(Status), MISSING)
 TRAINING, SAMPLED, GREEDY = "training", "drawn", "greedy"
 TRAINING_PARTS = 50
 DECIMALS = 5
