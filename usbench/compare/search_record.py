@@ -15,7 +15,7 @@ from usbench.agents.search_space import SPACES, candidates
 from usbench.agents.zoo import hyperparameters
 from usbench.compare.protocol import Protocol
 from usbench.records import ConfigurationError, Trial, TrialConfig
-from usbench.records.journal import Journal, cut_torn_line, read_rows
+from usbench.records.journal import append_all, cut_torn_line, read_rows
 
 # What a training that diverges fails with; anything else is the machine's, as memory is that PyTorch lacks.
 DIVERGED = ("ValueError", "RuntimeError", "FloatingPointError")
@@ -101,8 +101,8 @@ class SearchRecord:
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             cut_torn_line(self.path)
-            with Journal(self.path) as journal:
-                journal.append([one] if self.path.stat().st_size else [self._head, one])
+            begun = self.path.is_file() and self.path.stat().st_size
+            append_all(self.path, [one] if begun else [self._head, one])
         except OSError as error:
             raise records.unwritable(self.path.parent, error) from error
 

@@ -39,13 +39,11 @@ def read(folder: Path) -> pd.DataFrame:
         raise ValueError(f"{path} is not a table of tests: {in_one_line(error)}") from error
 
 
-def write(tested: pd.DataFrame, folder: Path) -> Path:
-    """Write the tests into `folder` and return the path."""
-    path = folder / TABLE
+def write(tested: pd.DataFrame, folder: Path) -> None:
+    """Write the tests into `folder`."""
     text = tested.sort_values("trial").round(DECIMALS).to_csv(index=False, lineterminator="\n")
-    with atomic_file(path) as file:
+    with atomic_file(folder / TABLE) as file:
         file.write(text.encode())
-    return path
 
 
 def forget(folder: Path, trials: Collection[str]) -> list[str]:

@@ -49,11 +49,10 @@ def gather(search: Path) -> pd.DataFrame:
     return pd.DataFrame(found, columns=list(COLUMNS)).sort_values(list(COLUMNS[:5]), ignore_index=True)
 
 
-def write(known: pd.DataFrame, folder: Path) -> Path:
-    """Write the table beside those of a leaderboard and return its path."""
+def write(known: pd.DataFrame, folder: Path) -> None:
+    """Write the table beside those of a leaderboard."""
     with atomic_file(folder / TABLE) as file:
         file.write(known.to_csv(index=False, lineterminator="\n").encode())
-    return folder / TABLE
 
 
 def read(folder: Path) -> pd.DataFrame:
