@@ -3,6 +3,7 @@
 import hashlib
 import re
 
+import numpy as np
 import pandas as pd
 import pytest
 from fp_frames import FpFrames
@@ -67,8 +68,9 @@ def plays_as_told(name):
     said = re.search(r"\| this agent \| \S+ \| (\S+) \[", (folder / released.CARD).read_text())
     # Another kind of processor rounds otherwise, and may then choose another of two equal actions.
     assert score == pytest.approx(float(said[1]), abs=0.01)
-    recorded = trial.last_evaluation(deterministic=True)["return"].mean()
-    assert trial.anchors.score(recorded) == pytest.approx(score, abs=0.01)
+    recorded = trial.last_evaluation(deterministic=True)["return"]
+    same = np.isclose([one.as_row()["return"] for one in played], recorded)
+    assert same.mean() >= 0.9
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -4,8 +4,11 @@ import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
+from stable_baselines3.common.policies import BasePolicy
 
 from usbench import records, released
 from usbench.agents.zoo import ZOO
@@ -15,13 +18,11 @@ from usbench.compare import model_card
 from usbench.compare.own_task import is_on_its_task
 from usbench.records import ConfigurationError, Trial, checksums
 from usbench.suite import PAPER
-from usbench.trials.model_loading import load_agent
+from usbench.trials.model_loading import TARGET, load_agent, twin_of
 
 # The paper's agent is released on the paper's tasks, whether it is the best there or not.
 OWN = "vpg"
 DECIMALS = 6
-# Copies of other weights, which only training needs: `load_agent` copies them again.
-TARGET_NETWORK = "_net_target."
 
 
 def write(
@@ -96,11 +97,25 @@ def _score(trial: Trial) -> float:
     return round(float(trial.last_evaluation(deterministic=True)["normalized_score"].mean()), DECIMALS)
 
 
+def _arrays(policy: BasePolicy) -> dict[str, npt.NDArray[Any]]:
+    """Return the weights with which a policy acts greedily; `load_agent` makes copies for those left out.
+
+    A value network and its target network have the same names for the same weights. Only training needs
+    both.
+    """
+    weights = {name: tensor.numpy() for name, tensor in policy.state_dict().items()}
+    target_acts = getattr(policy, "greedy_net", None) is getattr(policy, "q_net_target", policy)
+    return {
+        name: array
+        for name, array in weights.items()
+        if twin_of(name) not in weights or name.partition(".")[0].endswith(TARGET) == target_acts
+    }
+
+
 def _write(trial: Trial, folder: Path, name: str, same: Sequence[Trial]) -> Path:
     """Write the released agent of a trial into `folder`; `same` are all trials of its task."""
     # Before what there was is removed: the trial may be no longer there, or be that very folder.
-    policy = load_agent(trial.folder).agent.policy
-    arrays = {key: tensor.numpy() for key, tensor in policy.state_dict().items() if TARGET_NETWORK not in key}
+    arrays = _arrays(load_agent(trial.folder).agent.policy)
     lines = (trial.folder / records.EVALUATIONS).read_text().splitlines(keepends=True)
     rivals = [model_card.Rival(one.name, one.config.algo, one.config.seed, _score(one)) for one in same]
     if folder.exists():

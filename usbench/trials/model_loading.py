@@ -29,6 +29,8 @@ from usbench.trials.learning import make_agent
 from usbench.words import in_one_line
 
 WEIGHTS = "policy.pth"
+# Behind the name of a value network: its target network.
+TARGET = "_target"
 
 
 @dataclass(frozen=True)
@@ -158,10 +160,11 @@ def _load_weights(agent: BaseAlgorithm, file: Path, config: TrialConfig) -> None
 
 
 def _arrays(file: Path, limit: int, names: Iterable[str]) -> dict[str, torch.Tensor]:
-    """Read the weights of a released agent, at most `limit` bytes; a target network becomes a copy.
+    """Read the weights of a released agent, at most `limit` bytes.
 
     Only arrays of numbers are read: `allow_pickle=False` refuses objects, which alone could run code. `names`
-    are those of the network's weights.
+    are those of the policy's weights. Of a network and its target network the file has the one that acts
+    greedily; the other becomes a copy.
     """
     with _archive(file) as archive:
         _check_size(archive.infolist(), limit, file)
@@ -172,8 +175,15 @@ def _arrays(file: Path, limit: int, names: Iterable[str]) -> dict[str, torch.Ten
         raise ConfigurationError(
             f"{str(file)!r} holds something else than arrays of numbers ({_words(error)})."
         ) from error
-    copied = {name: name.replace("_net_target.", "_net.") for name in names if "_net_target." in name}
-    return {**{name: tensors[source] for name, source in copied.items() if source in tensors}, **tensors}
+    copied = {name: tensors[twin] for name in names if (twin := twin_of(name)) in tensors}
+    return {**copied, **tensors}
+
+
+def twin_of(name: str) -> str:
+    """Return the name of the same weight in the target network of its network, or in whose target it is."""
+    network, _, rest = name.partition(".")
+    is_target = network.endswith(TARGET)
+    return f"{network.removesuffix(TARGET) if is_target else network + TARGET}.{rest}"
 
 
 def _why_other(found: torch.Tensor, own: torch.Tensor, config: TrialConfig) -> str:
