@@ -187,6 +187,12 @@ def test_training_is_for_the_default_probe_and_imaging(tmp_path):
         session.train()
 
 
+@pytest.mark.parametrize("seen", [{"senses": ("actions",)}, {"n_frames": 2}, {"n_phantoms": 3}])
+def test_training_is_for_any_agent_of_a_task_as_it_is(seen):
+    assert guide_training.can_train(Setting(task="pp-random", **seen))
+    assert not guide_training.can_train(Setting(task="pp-random", imaging=SQUARE, **seen))
+
+
 @pytest.mark.parametrize("changes", [{"senses": ("heading",)}, {"task": "pp-random", "n_phantoms": 3}])
 def test_another_task_has_its_own_senses_and_phantoms(tmp_path, changes):
     config = resolve("vpg", steps=64, **{"task": "pp", **changes})

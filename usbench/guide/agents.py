@@ -15,6 +15,7 @@ from usbench.guide.examination import Opened
 from usbench.guide.guided import GUIDED, check_shown, check_task_of_agent
 from usbench.records import ConfigurationError, Trial
 from usbench.records.journal import UNREADABLE
+from usbench.results.text import number
 from usbench.setting import Setting
 from usbench.trials.model_loading import load_agent
 from usbench.watch.advice import Adviser
@@ -148,7 +149,7 @@ def _known(folder: Path) -> Known | None:
         label = f"{own}{config.algo}, seed {config.seed}, noise {config.noise:g}"
     except (*UNREADABLE, TypeError, KeyError, ArithmeticError, OSError):
         return None
-    label += "" if score is None else f", score {score:.2f}"
+    label += "" if score is None else f", score {number(score, 2)}"
     return Known(folder, setting, label, score, taught(config.algo) != "")
 
 

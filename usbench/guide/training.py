@@ -56,7 +56,7 @@ class QuickTraining:
         """Begin to train on a task with noise, unless a training is running.
 
         Raises:
-            ConfigurationError: If more than task and noise of `setting` differs from the defaults.
+            ConfigurationError: If scene or reward of `setting` are not those of its task.
         """
         self.update()
         if self.progress.status == "running":
@@ -109,5 +109,9 @@ class QuickTraining:
 
 
 def can_train(setting: Setting) -> bool:
-    """Return whether nothing but task and noise of `setting` differs from the defaults."""
-    return setting == Setting(task=setting.task, noise=setting.noise, n_frames=setting.n_frames)
+    """Return whether scene and reward of `setting` are those of its task, with which the guide trains.
+
+    What the present agent sees and is told says nothing of the one that would be trained.
+    """
+    seen = {name: getattr(setting, name) for name in ("n_frames", "senses", "n_phantoms")}
+    return setting == Setting(task=setting.task, noise=setting.noise, **seen)

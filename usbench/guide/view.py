@@ -7,6 +7,7 @@ from typing import Any
 from usbench.envs.scene.picture import Probe
 from usbench.guide.controls import controls, name
 from usbench.guide.examination import Examination
+from usbench.results.text import number
 from usbench.watch.film import advice_numbers, fixed
 
 
@@ -72,7 +73,7 @@ def verdict(examination: Examination) -> str:
 
 def _percent(examination: Examination, return_: float) -> str:
     """Return a score from this start in per cent: 0 % is a random agent, 100 % the mean optimum."""
-    return f"{100 * examination.score(return_) + 0.0:.0f} %"
+    return f"{number(100 * examination.score(return_), 0)} %"
 
 
 def advice(examination: Examination) -> dict[str, Any] | None:

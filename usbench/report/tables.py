@@ -14,7 +14,7 @@ from usbench.records import Trial
 from usbench.results import scores, studies
 from usbench.results.agents import named
 from usbench.results.tables import Results
-from usbench.results.text import DASH
+from usbench.results.text import DASH, number
 
 # Columns of `episode_ends.shares` and what they mean.
 ENDINGS = {
@@ -111,7 +111,7 @@ def trials(known: Results) -> Table:
             row["trial"],
             row["status"] + (f": {' '.join(row['reason'].split())}" if row["reason"] else ""),
             row["frames"] or DASH,
-            f"{final[row['trial']]:.3f}" if row["trial"] in final else DASH,
+            number(final[row["trial"]], 3) if row["trial"] in final else DASH,
             DASH if pd.isna(row["training_s"]) else f"{row['training_s'] / 60:.1f}",
         ]
         for row in known.trials.to_dict("records")

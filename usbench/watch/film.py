@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from usbench.atomic import atomic_file, atomic_path
+from usbench.atomic import atomic_file, move_whole, scratch_folder
 from usbench.watch.moment import Advice, Moment
 
 FORMATS = (".gif", ".webp", ".mp4")
@@ -94,13 +94,10 @@ def write(path: Path, pages: Sequence[Image.Image]) -> None:
                 quality=WEBP_QUALITY,
             )
     elif path.suffix == ".mp4":
-        with atomic_path(path) as temporary:
-            video = temporary.with_suffix(".mp4")  # from which OpenCV knows the container
-            try:
-                _write_video(video, pages, [round(duration / STEP_MS) for duration in durations])
-                video.replace(temporary)
-            finally:
-                video.unlink(missing_ok=True)
+        with scratch_folder(path) as folder:
+            video = folder / path.name  # OpenCV knows the container by the ending
+            _write_video(video, pages, [round(duration / STEP_MS) for duration in durations])
+            move_whole(video, path)
     else:
         raise ValueError(f"a replay must end with one of {', '.join(FORMATS)}, not {path.name!r}.")
 
