@@ -110,6 +110,15 @@ def test_plain_arrays_act_as_the_model_of_the_trial(runs, tmp_path):
         assert sorted(np.load(folder / records.WEIGHTS, allow_pickle=False).files) == sorted(own)
 
 
+def test_an_agent_stays_whole_where_its_successor_cannot_be_written(runs, tmp_path, monkeypatch):
+    folder = release.write([runs], tmp_path)[0]
+    before = contents(tmp_path)
+    monkeypatch.setattr(model_card, "text", lambda *_: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        release.write([runs], tmp_path)
+    assert folder.name == "best-pp" and contents(tmp_path) == before
+
+
 def test_of_the_records_the_last_evaluation_is_kept_and_nothing_of_the_machine(runs, tmp_path):
     trial = could_be_released(runs)[0]
     folder = release.write([trial.folder], tmp_path / "made")[0]

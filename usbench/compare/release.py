@@ -12,7 +12,7 @@ from stable_baselines3.common.policies import BasePolicy
 
 from usbench import records, released
 from usbench.agents.zoo import ZOO
-from usbench.atomic import atomic_file
+from usbench.atomic import move_whole, scratch_folder
 from usbench.ceilings import taught
 from usbench.compare import model_card
 from usbench.compare.own_task import is_on_its_task
@@ -114,22 +114,20 @@ def _arrays(policy: BasePolicy) -> dict[str, npt.NDArray[Any]]:
 
 def _write(trial: Trial, folder: Path, name: str, same: Sequence[Trial]) -> Path:
     """Write the released agent of a trial into `folder`; `same` are all trials of its task."""
-    # Before what there was is removed: the trial may be no longer there, or be that very folder.
     arrays = _arrays(load_agent(trial.folder).agent.policy)
     lines = (trial.folder / records.EVALUATIONS).read_text().splitlines(keepends=True)
     rivals = [model_card.Rival(one.name, one.config.algo, one.config.seed, _score(one)) for one in same]
-    if folder.exists():
-        shutil.rmtree(folder)
-    folder.mkdir(parents=True)
-    with atomic_file(folder / records.WEIGHTS) as file:
-        np.savez(file, **arrays)
-    last = f'"checkpoint": {trial.config.steps}, '
-    with atomic_file(folder / records.EVALUATIONS) as file:
-        file.write("".join(line for line in lines if last in line).encode())
-    # The machine says nothing of the agent.
-    own = replace(trial, folder=folder, platform="", checksums=checksums.of(folder, (records.EVALUATIONS,)))
-    own.write()
-    with atomic_file(folder / released.CARD) as file:
-        weights = checksums.of(folder, (records.WEIGHTS,))[records.WEIGHTS]
-        file.write(model_card.text(trial, name, rivals, weights).encode())
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with scratch_folder(folder) as scratch:
+        made = scratch / folder.name
+        made.mkdir()
+        np.savez(made / records.WEIGHTS, **arrays)
+        last = f'"checkpoint": {trial.config.steps}, '
+        (made / records.EVALUATIONS).write_bytes("".join(line for line in lines if last in line).encode())
+        # The machine says nothing of the agent.
+        sums = checksums.of(made, (records.EVALUATIONS, records.WEIGHTS))
+        weights = sums.pop(records.WEIGHTS)
+        replace(trial, folder=made, platform="", checksums=sums).write()
+        (made / released.CARD).write_bytes(model_card.text(trial, name, rivals, weights).encode())
+        move_whole(made, folder)
     return folder
