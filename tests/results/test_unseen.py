@@ -156,12 +156,23 @@ def test_commands_say_what_differs_from_the_defaults():
     assert f"for seed in 100 101; do {command} --seed $seed; done" in made_by
 
 
-@pytest.mark.parametrize("changed", [{"gamma": 0.5}, {"n_envs": 1}])
-def test_no_command_is_told_that_would_make_other_trials(changed):
+def test_commands_say_which_hyperparameters_are_not_the_defaults():
+    lines = joined(provenance.making(made(told("pp-tracked"), changed(gamma=0.5, max_shift_px=2)).trials))
+    command = "usbench run --algo double_dqn --task pp-tracked --steps 100000 --senses"
+    assert f"{command} --seed 100" in lines
+    assert f"{command} --set gamma=0.5 max_shift_px=2 --seed 100" in lines
+
+
+@pytest.mark.parametrize("settings", [{"n_envs": 1}, {"gamma": None}])
+def test_no_command_is_told_that_would_make_other_trials(settings):
+    assert "usbench run" in provenance.making(made(changed()).trials)
+    assert "usbench run" not in provenance.making(made(changed(**settings)).trials)
+
+
+def changed(**settings):
+    """Return the row of a trial with other settings."""
     own = told("pp-tracked")
-    other = own | {"settings": json.dumps(json.loads(own["settings"]) | changed)}
-    assert "usbench run" in provenance.making(made(own).trials)
-    assert "usbench run" not in provenance.making(made(other).trials)
+    return own | {"settings": json.dumps(json.loads(own["settings"]) | settings)}
 
 
 def joined(text):

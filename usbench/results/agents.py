@@ -82,7 +82,7 @@ def is_usual(trial: pd.Series) -> bool:
 
 
 def _usual(trial: pd.Series) -> tuple[bool, ...]:
-    return has_hyperparameters(trial), has_frames(trial), has_envs(trial), has_senses(trial)
+    return not changed_hyperparameters(trial), has_frames(trial), has_envs(trial), has_senses(trial)
 
 
 def has_frames(trial: pd.Series) -> bool:
@@ -102,21 +102,21 @@ def has_envs(trial: pd.Series) -> bool:
     return bool(settings.get("n_envs", 1) == math.gcd(asked, int(trial["steps"]), rollout))
 
 
-def has_hyperparameters(trial: pd.Series) -> bool:
-    """Return whether no hyperparameter of a trial is another than in the table of algorithms.
+def changed_hyperparameters(trial: pd.Series) -> dict[str, Any]:
+    """Return the hyperparameters of a trial that are others than in the table of algorithms.
 
-    A network beside the paper's is part of the algorithm's name and has the same hyperparameters. Those of
-    an algorithm of another package are what its class says.
+    One that the trial does not have is None. A network beside the paper's is part of the algorithm's name and
+    has the same hyperparameters. Those of an algorithm of another package are what its class says.
     """
     row = ZOO.get(trial["algo"].partition("+")[0])
     if row is None:
-        return True
+        return {}
     settings = json.loads(trial["settings"])
     wanted = {**row.hyperparameters, **row.tasks.get(trial["task"], {})}
     steps = row_of(trial["task"]).steps
     if "buffer_size" in wanted:  # as `configuration.resolve` fills it in
         wanted["buffer_size"] = max(wanted["buffer_size"], steps)
-    return all(settings.get(name) == value for name, value in wanted.items())
+    return {name: settings.get(name) for name, value in wanted.items() if settings.get(name) != value}
 
 
 def spelled(settings: str, steps: int) -> dict[str, Any]:

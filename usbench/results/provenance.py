@@ -51,7 +51,7 @@ def _commands_of(name: str, own: pd.DataFrame) -> list[str]:
     """Return the commands that make the trials of a table."""
     if name == further.GRID:
         return commands(own)
-    return unseen.commands(named(own)) if name == unseen.NAME else [f"usbench compare --table {name}"]
+    return unseen.commands(own) if name == unseen.NAME else [f"usbench compare --table {name}"]
 
 
 def commands(trials: pd.DataFrame) -> list[str]:

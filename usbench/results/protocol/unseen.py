@@ -12,7 +12,7 @@ import pandas as pd
 from usbench.ceilings import bound, ceiling
 from usbench.records import TrialConfig
 from usbench.results import tables, text
-from usbench.results.agents import has_envs, has_hyperparameters
+from usbench.results.agents import changed_hyperparameters, has_envs
 from usbench.tasks import row_of
 
 NAME = "unseen-phantoms"
@@ -63,28 +63,31 @@ def _ceiling(task: str, senses: Iterable[str], noise: float) -> str:
 
 
 def commands(trials: pd.DataFrame) -> list[str]:
-    """Return the commands that make the trials of the rows that have their algorithm's name.
+    """Return the commands that make the trials of this table.
 
-    Trials with other hyperparameters, or with another number of environments, are left out.
-
-    Args:
-        trials: The trials of this table, with the column `agent`.
+    Trials with another number of environments, or of versions with other hyperparameters, are left out.
     """
-    own = trials[(trials["steps"] > 0) & (trials["agent"] == trials["algo"])]
-    usual = (has_hyperparameters(one) and has_envs(one) for _, one in own.iterrows())
-    own = own[pd.Series(usual, index=own.index, dtype=bool)]
+    own = trials[trials["steps"] > 0]
+    can_be_told = (
+        has_envs(one) and None not in changed_hyperparameters(one).values() for _, one in own.iterrows()
+    )
+    own = own[pd.Series(can_be_told, index=own.index, dtype=bool)]
     cells = ["task", "noise", "algo", "steps", "settings"]
-    return [_command(*cell, seeds=rows["seed"]) for cell, rows in own.groupby(cells)]
+    return [_command(rows.iloc[0], rows["seed"]) for _, rows in own.groupby(cells)]
 
 
-def _command(task: str, noise: float, algo: str, steps: int, settings: str, *, seeds: Iterable[int]) -> str:
-    options = f" --noise {noise:g}" if noise else ""
+def _command(trial: pd.Series, seeds: Iterable[int]) -> str:
+    """Return the command that makes the trials of some seeds, `trial` one of them."""
+    task, settings = trial["task"], trial["settings"]
+    options = f" --noise {trial['noise']:g}" if trial["noise"] else ""
     told, frames = tables.senses(settings), tables.n_frames(settings)
     if frames != TrialConfig.n_frames:
         options += f" --n-frames {frames}"
     if told != row_of(task).senses:
         options += f" --senses {' '.join(told)}".rstrip()
-    command = f"usbench run --algo {algo} --task {task} --steps {steps}{options} --seed"
+    if changed := changed_hyperparameters(trial):
+        options += f" --set {' '.join(f'{name}={value}' for name, value in changed.items())}"
+    command = f"usbench run --algo {trial['algo']} --task {task} --steps {trial['steps']}{options} --seed"
     first, *others = map(str, sorted(seeds))
     return (
         f"for seed in {' '.join([first, *others])}; do {command} $seed; done"
