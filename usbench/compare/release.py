@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from stable_baselines3.common.policies import BasePolicy
 
 from usbench import records, released
@@ -97,7 +96,7 @@ def _score(trial: Trial) -> float:
     return round(float(trial.last_evaluation(deterministic=True)["normalized_score"].mean()), DECIMALS)
 
 
-def _arrays(policy: BasePolicy) -> dict[str, npt.NDArray[Any]]:
+def _arrays(policy: BasePolicy) -> dict[str, Any]:
     """Return the weights with which a policy acts greedily; `load_agent` makes copies for those left out.
 
     A value network and its target network have the same names for the same weights. Only training needs
