@@ -149,12 +149,12 @@ def pictures(task: str) -> list[Image.Image]:
     phantoms, planner = setting.evaluation_phantoms(), setting.planner()
 
     def value(episode: suite.EvaluationEpisode) -> float:
-        target = astuple(phantoms[episode.phantom_place].target)
+        target = astuple(phantoms[episode.phantom_index].target)
         return planner.policy(target).value(0, episode.start)
 
     # Some of them: every phantom takes a plan of its own.
     longest = min(setting.evaluation_episodes()[:12], key=value)
-    policy = planner.policy(astuple(phantoms[longest.phantom_place].target))
+    policy = planner.policy(astuple(phantoms[longest.phantom_index].target))
     env = setting.plain_env()
     env.is_watched = False
     env.reset(seed=longest.seed, options=longest.options)

@@ -137,7 +137,7 @@ class Policy:
     def _state(self, pose: Pose | tuple[int, ...]) -> int:
         if not isinstance(pose, Pose):
             pose = self.task.pose(dict(zip(self.task.coordinates, pose, strict=True)))
-        return self.task.place(pose)
+        return self.task.index(pose)
 
 
 class Planner:
@@ -212,7 +212,7 @@ def _plain(rewards: Sequence[float] | None) -> tuple[float, ...] | None:
 @lru_cache(maxsize=256)
 def _returns(process: DecisionProcess, poses: tuple[Pose, ...]) -> Anchors:
     task = process.task
-    starts = [task.place(pose) for pose in poses]
+    starts = [task.index(pose) for pose in poses]
     uniform = np.full(len(task.actions), 1 / len(task.actions))
     idle = np.eye(len(task.actions))[task.stay]
     optimal = _policy(process).values[0]
@@ -280,7 +280,7 @@ def _transitions(task: Task) -> _Transitions:
 
     def after(moves: list[Move]) -> npt.NDArray[np.intp]:
         return np.array(
-            [[task.place(pose.moved(move, task.limits)) for move in moves] for pose in task.states]
+            [[task.index(pose.moved(move, task.limits)) for move in moves] for pose in task.states]
         )
 
     return after([action.move for action in task.actions]), after(list(task.displacements))

@@ -69,7 +69,7 @@ class Task:
             if not getattr(self, name):
                 raise ValueError(f"the task {self.name!r} must have {name}.")
         for start in self.starts:
-            self.place(start)
+            self.index(start)
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -95,8 +95,8 @@ class Task:
         """The place of every pose in `states`."""
         return {pose: index for index, pose in enumerate(self.states)}
 
-    def place(self, pose: Pose) -> int:
-        """Return the place of a pose in `states`; ValueError if the task cannot reach it."""
+    def index(self, pose: Pose) -> int:
+        """Return where a pose stands in `states`; ValueError if the task cannot reach it."""
         index = self.indices.get(pose)
         if index is None:
             raise ValueError(f"pose must be one that task {self.name!r} can reach, not {pose}.")

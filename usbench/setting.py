@@ -285,7 +285,7 @@ class Setting:
         """
         starts = defaultdict(list)
         for episode in self.evaluation_episodes():
-            starts[episode.phantom_place].append(episode.start)
+            starts[episode.phantom_index].append(episode.start)
         parts = [
             (phantom, self.guidance.states if self.row.every_frame else tuple(starts[place]))
             for place, phantom in enumerate(self.evaluation_phantoms())

@@ -58,7 +58,7 @@ class EvaluationEpisode:
         return asdict(self.start) | ({} if self.phantom is None else {"phantom": self.phantom})
 
     @property
-    def phantom_place(self) -> int:
+    def phantom_index(self) -> int:
         """Place of its phantom among those of the evaluation, 0 where the environment has but one."""
         return 0 if self.phantom is None else self.phantom - FIRST_HELD_OUT
 

@@ -42,7 +42,7 @@ def known_score(trial: Trial) -> float:
         raise ValueError(f"no phantom is known where no episode has ended ({trial.config.steps} steps).")
     met = list(dict.fromkeys(reversed(trained["phantom"].tolist())))[: setting.row.phantoms]
     episodes = tuple(
-        replace(episode, phantom=int(met[episode.phantom_place % len(met)]))
+        replace(episode, phantom=int(met[episode.phantom_index % len(met)]))
         for episode in setting.evaluation_episodes()
     )
     agent = load_agent(trial.folder, algo=trial.config.algo).agent

@@ -52,7 +52,7 @@ def write(
         for trial in single
         for kind in formats
     ]
-    searched = [file for path in paths for file in tuning.write(sources.place(path), out, formats)]
+    searched = [file for path in paths for file in tuning.write(sources.folder_of(path), out, formats)]
     return [*curves, *comparison.write(known, out, formats), *searched]
 
 

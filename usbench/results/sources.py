@@ -25,7 +25,7 @@ def gather(paths: Sequence[Path], damaged: Callable[[str], None] | None = None) 
     chosen: dict[Path, set[str] | None] = {}  # folder of trials -> names of trials, None for all
     found = []
     try:
-        for path in (place(path) for path in paths):
+        for path in (folder_of(path) for path in paths):
             if (path / tables.TRIALS).exists():
                 found.append(tables.read(path))
             elif (path / records.TRIAL).exists():
@@ -44,7 +44,7 @@ def gather(paths: Sequence[Path], damaged: Callable[[str], None] | None = None) 
     return functools.reduce(additions.joined, found)
 
 
-def place(path: Path) -> Path:
+def folder_of(path: Path) -> Path:
     """Return the folder of one of the paths that `gather` takes.
 
     Raises:
