@@ -38,9 +38,12 @@ def test_a_page_is_what_the_code_says(task):
     "task", [task if task in QUICK else pytest.param(task, marks=pytest.mark.slow) for task in suite.TASKS]
 )
 def test_its_anchors_are_exact(task):
-    anchors, own = shown(task), Setting(task=task).anchors()
+    setting = Setting(task=task)
+    anchors, own = shown(task), setting.anchors()
+    # On another kind of processor some pixels differ by a grey level, and with them rewards from frames.
+    exact = 1e-3 if setting.guidance.reward_from_frames else 5e-5
     for name in ("optimal", "random", "stay"):
-        assert getattr(anchors, name) == pytest.approx(getattr(own, name), abs=5e-5)
+        assert getattr(anchors, name) == pytest.approx(getattr(own, name), abs=exact)
 
 
 @pytest.mark.parametrize("task", suite.TASKS)
