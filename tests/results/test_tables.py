@@ -12,7 +12,7 @@ from state_files import write_state
 from usbench import records
 from usbench.records import Episode, Evaluation, TrialConfig
 from usbench.records.journal import Journal
-from usbench.results import tables
+from usbench.results import published, tables
 
 ANCHORS = {"optimal": -4.0, "random": -20.0, "stay": -22.0}
 STEPS = 100
@@ -255,6 +255,31 @@ def test_trial_of_a_table_that_cannot_be_is_refused(tmp_path, column, value, sai
     known = made(trial(trial="a"))
     tables.write(dataclasses.replace(known, trials=known.trials.assign(**{column: value})), tmp_path)
     with pytest.raises(ValueError, match=rf"trials\.csv is not a table of results: {said}"):
+        tables.read(tmp_path)
+
+
+def test_tables_whose_writing_was_stopped_are_none(tmp_path, monkeypatch):
+    """What says that both tables are there, `trials.csv`, is written last."""
+    real = tables.atomic_file
+
+    def stopped(path):
+        if list(path.parent.iterdir()):
+            raise KeyboardInterrupt
+        return real(path)
+
+    monkeypatch.setattr(tables, "atomic_file", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        tables.write(made(trial()), tmp_path)
+    assert published.or_own(tmp_path) == published.folder() and published.bring(tmp_path)
+    pd.testing.assert_frame_equal(tables.read(tmp_path).trials, tables.read(published.folder()).trials)
+
+
+def test_finished_trial_without_a_greedy_evaluation_is_refused(tmp_path):
+    known = made(trial(trial="a"), trial(trial="b", seed=101), trial(trial="c", seed=102, status="failed"))
+    of_b = (known.curves["trial"] == "b") & (known.curves["kind"] == tables.GREEDY)
+    tables.write(dataclasses.replace(known, curves=known.curves[~of_b]), tmp_path)
+    said = r"curves\.csv does not belong to .*: b is finished, but has no greedy evaluation there\.$"
+    with pytest.raises(ValueError, match=said):
         tables.read(tmp_path)
 
 

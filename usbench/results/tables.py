@@ -160,7 +160,8 @@ def _found(folder: Path) -> Trial | None:
 def write(results: Results, folder: Path) -> list[Path]:
     """Write the two tables into `folder`, made if need be, and return their paths."""
     folder.mkdir(parents=True, exist_ok=True)
-    for name, table in ((TRIALS, results.trials), (CURVES, results.curves)):
+    # Last what says that both are there.
+    for name, table in ((CURVES, results.curves), (TRIALS, results.trials)):
         with atomic_file(folder / name) as file:
             file.write(table.to_csv(index=False, lineterminator="\n").encode())
     return [folder / TRIALS, folder / CURVES]
@@ -171,12 +172,19 @@ def read(folder: Path) -> Results:
 
     Raises:
         FileNotFoundError: If `folder` does not hold the two tables.
-        ValueError: If a table lacks a column or holds something else than it should.
+        ValueError: If a table lacks a column or holds something else than it should, or the curves lack the
+            greedy evaluations of a finished trial.
     """
     results = Results(_read(folder / TRIALS, TRIAL_COLUMNS), _read(folder / CURVES, CURVE_COLUMNS))
+    evaluated = set(results.curves.loc[results.curves["kind"] == GREEDY, "trial"])
     for trial in results.trials.itertuples():
         if reason := _misfit(trial.status, trial.settings):
             raise ValueError(f"{folder / TRIALS} is not a table of results: {trial.trial} has {reason}.")
+        if trial.status == "finished" and trial.trial not in evaluated:
+            raise ValueError(
+                f"{folder / CURVES} does not belong to {TRIALS} beside it: {trial.trial} is finished, but "
+                "has no greedy evaluation there."
+            )
     return results
 
 
