@@ -7,6 +7,7 @@ import shutil
 import numpy as np
 import pandas as pd
 import pytest
+from filelock import Timeout
 from made_tables import made, seeds, trial
 from state_files import read_state
 
@@ -17,6 +18,7 @@ from usbench.results import held_out, leaderboard, tables
 from usbench.setting import Setting
 from usbench.trials import runner
 from usbench.trials.configuration import resolve
+from usbench.trials.lock import lock_of
 
 
 def rows_of(*scores):
@@ -178,6 +180,45 @@ def test_what_was_tested_is_kept_when_a_later_test_fails(tmp_path, monkeypatch):
     shutil.rmtree(tmp_path / names[2])
     tables.write(made(*seeds("vpg", [0.8, 0.9], task="pp")), tmp_path)
     assert play(tmp_path) == ["its model is broken."]
+
+
+def test_tests_that_another_process_writes_meanwhile_stay(tmp_path, monkeypatch):
+    names = ["fp-p0-vpg-s100", "pp-p0-vpg-s100"]
+    for name in names:
+        (tmp_path / name).mkdir()
+        (tmp_path / name / records.TRIAL).touch()
+    tables.write(made(*seeds("vpg", [0.8], task="fp"), *seeds("vpg", [0.9], task="pp")), tmp_path)
+    monkeypatch.setattr("usbench.compare.transfer.Setting.prepare_frames", lambda _: None)
+
+    def test(trial, algo, score):
+        if trial.name == names[0]:  # while it is tested, another process tests the other
+            transfer.write(tmp_path, tmp_path, transfer.untested(tmp_path, tmp_path, tasks=["pp"]))
+        return rows_of(score).iloc[0].to_dict() | {"trial": trial.name}
+
+    monkeypatch.setattr(transfer, "test", test)
+    transfer.write(tmp_path, tmp_path, transfer.untested(tmp_path, tmp_path, tasks=["fp"]))
+    tested = held_out.read(tmp_path)
+    assert list(tested["trial"]) == names and list(tested["normalized_score"]) == [0.8, 0.9]
+
+
+def test_no_other_process_writes_between_reading_the_tests_and_writing_them(tmp_path, monkeypatch):
+    (tmp_path / "pp-p0-vpg-s100").mkdir()
+    (tmp_path / "pp-p0-vpg-s100" / records.TRIAL).touch()
+    tables.write(made(*seeds("vpg", [0.8], task="pp")), tmp_path)
+    missing, real, locks = transfer.untested(tmp_path, tmp_path), held_out.read, []
+
+    def read(folder):
+        with pytest.raises(Timeout):
+            lock_of(folder / held_out.TABLE).acquire()
+        locks.append(folder)
+        return real(folder)
+
+    monkeypatch.setattr("usbench.compare.transfer.Setting.prepare_frames", lambda _: None)
+    monkeypatch.setattr(transfer, "test", lambda *_: rows_of(0.1).iloc[0].to_dict())
+    monkeypatch.setattr(held_out, "read", read)
+    transfer.write(tmp_path, tmp_path, missing)
+    assert len(locks) == 2  # before the tests and after the only one
+    lock_of(tmp_path / held_out.TABLE).acquire().lock.release()
 
 
 def test_an_agent_of_the_same_name_that_is_not_that_of_the_tables_is_not_tested(finished, tmp_path):

@@ -1,6 +1,6 @@
 """Agents that were trained on one phantom, tested on unseen phantoms."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import pandas as pd
@@ -11,6 +11,7 @@ from usbench.records import ConfigurationError
 from usbench.results import held_out, scores, tables
 from usbench.setting import Setting
 from usbench.trials.evaluation import Evaluator
+from usbench.trials.lock import locked
 from usbench.trials.model_loading import load_agent
 from usbench.waiting import Waiting
 
@@ -64,6 +65,8 @@ def write(
 ) -> list[str]:
     """Test trials, write `held_out.csv` after every test, so that none is lost, and return what failed.
 
+    What another process writes there meanwhile stays.
+
     Args:
         runs: Where the trials are.
         folder: Where the comparison's tables are; tests of trials that these do not have are left out.
@@ -73,31 +76,36 @@ def write(
     Returns:
         Why a trial cannot be tested, in a sentence for each that cannot; the others are tested.
     """
-    known, results = held_out.read(folder), tables.read(folder)
-    rows = known[known["trial"].isin(held_out.candidates(results)["trial"])].to_dict("records")
+    results = tables.read(folder)
+    with locked(folder / held_out.TABLE):
+        known = held_out.read(folder)
+        held_out.write(known[known["trial"].isin(held_out.candidates(results)["trial"])], folder)
     score_of = scores.last(results).set_index("trial")["normalized_score"]
     torch.set_num_threads(1)  # as in training: the bits do not depend on the machine
     for task in dict.fromkeys(missing["task"].map(held_out.MANY)):
         tell(f"frames of {task}")
         Setting(task=task).prepare_frames()
-    held_out.write(_table(rows), folder)
     failures = []
     waiting = Waiting("Testing agents on unseen phantoms", len(missing))
     for number, (name, algo) in enumerate(missing[["trial", "algo"]].itertuples(index=False, name=None), 1):
         tell(f"trial {number} of {len(missing)}: {name}")
         try:
-            rows.append(test(runs / name, algo, float(score_of[name])))
+            row = test(runs / name, algo, float(score_of[name]))
         except ValueError as error:
             tell(str(error))
             failures.append(str(error))
         else:
-            held_out.write(_table(rows), folder)
+            _add(row, folder)
         waiting.done()
     return failures
 
 
-def _table(rows: list[dict[str, object]]) -> pd.DataFrame:
-    return pd.DataFrame(rows, columns=list(held_out.COLUMNS))
+def _add(row: Mapping[str, object], folder: Path) -> None:
+    """Add a test to those in `folder`, in place of one of the same trial."""
+    with locked(folder / held_out.TABLE):
+        known = held_out.read(folder)
+        others = known[known["trial"] != row["trial"]].to_dict("records")
+        held_out.write(pd.DataFrame([*others, row], columns=list(held_out.COLUMNS)), folder)
 
 
 def _asked(trials: pd.DataFrame, column: str, allowed: Sequence[object] | None) -> pd.DataFrame:
