@@ -10,15 +10,17 @@ import protocols
 import pytest
 import torch
 import trials
+from filelock import Timeout
 
 from usbench import records
 from usbench.agents import search_space, zoo
 from usbench.agents.hyperparameters import check
 from usbench.agents.search_space import SPACES, Choice, Endless, Log, candidates
-from usbench.compare import protocol, search
+from usbench.compare import protocol, search, search_record
 from usbench.compare.search_record import SearchRecord
 from usbench.trials import runner
 from usbench.trials.configuration import resolve
+from usbench.trials.lock import lock_of
 
 
 class Quiet:
@@ -169,6 +171,36 @@ def test_search_goes_on_from_its_record_alone(quick, rules, tmp_path, monkeypatc
     calls.clear()
     shutil.rmtree(tmp_path / "other" / "runs")
     assert run(rules, tmp_path / "other") == winner and not calls
+
+
+def test_two_searches_of_a_row_at_once_record_every_trial_once(quick, rules, tmp_path):
+    class Another(Quiet):
+        """Another search of the row, from beginning to end, when the first trial has ended."""
+
+        winner = None
+
+        def ended(self, outcome):
+            self.winner = self.winner or run(rules, tmp_path)
+
+    progress = Another()
+    assert run(rules, tmp_path, progress) == progress.winner
+    assert len(scored(tmp_path)) == len({one[:5] for one in scored(tmp_path)}) == 10
+
+
+def test_no_other_search_writes_while_a_torn_line_is_cut(quick, rules, tmp_path, monkeypatch):
+    path, real, cuts = tmp_path / "search" / "a2c.jsonl", search_record.cut_torn_line, []
+
+    def cut(record):
+        with pytest.raises(Timeout):
+            lock_of(path).acquire()
+        cuts.append(record)
+        real(record)
+
+    monkeypatch.setattr(search_record, "cut_torn_line", cut)
+    with pytest.raises(KeyboardInterrupt):
+        run(rules, tmp_path, Stopping(2))
+    assert cuts == [path, path]
+    lock_of(path).acquire().lock.release()
 
 
 def test_trial_that_ended_in_the_last_moment_before_a_kill_is_not_lost(quick, rules, tmp_path, monkeypatch):

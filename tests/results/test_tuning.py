@@ -110,6 +110,14 @@ def test_only_complete_first_rungs_count(tmp_path):
     assert "`vpg-tuned`, `a2c`, `ppo`" in tuning.section(known)
 
 
+def test_a_trial_that_was_recorded_twice_counts_once(tmp_path):
+    record(tmp_path, "vpg", [0.1, 0.5])
+    once = tuning.gather(tmp_path)
+    path = tmp_path / "vpg.jsonl"
+    path.write_text(path.read_text() + path.read_text().splitlines(keepends=True)[-1])
+    pd.testing.assert_frame_equal(tuning.gather(tmp_path), once)
+
+
 def test_the_row_with_the_best_candidate_comes_first(tmp_path):
     record(tmp_path, "a2c", [0.7, 0.7])
     record(tmp_path, "ppo", [0.1, 0.9])

@@ -46,7 +46,8 @@ def run(
     """Run what is missing of a row's search; return the winner, which the table of algorithms takes over.
 
     Killed at any time and started again, a search ends with the same winner; of its trials only those that
-    were in progress are lost, and with their folders in `out` not even these.
+    were in progress are lost, and with their folders in `out` not even these. Two searches of a row at once
+    record no trial twice; with the same `out`, one waits for the trials that the other runs.
 
     Args:
         row: A row of the protocol's search.

@@ -16,6 +16,7 @@ from usbench.agents.zoo import hyperparameters
 from usbench.compare.protocol import Protocol
 from usbench.records import ConfigurationError, Trial, TrialConfig
 from usbench.records.journal import append_all, cut_torn_line, read_rows
+from usbench.trials.lock import locked
 
 # What a training that diverges fails with; anything else is the machine's, as memory is that PyTorch lacks.
 DIVERGED = ("ValueError", "RuntimeError", "FloatingPointError")
@@ -55,20 +56,16 @@ class SearchRecord:
         self.path, self.row = folder / f"{row}.jsonl", row
         self.candidates = candidates(row, protocol.search.candidates)
         self._head = _head(row, protocol)
-        rows = read_rows(self.path)
-        if rows:
-            self._check(rows[0])
-        try:
-            self.trials = {_place(one): {name: one[name] for name in RECORDED} for one in rows[1:]}
-        except (KeyError, TypeError) as error:
-            raise ValueError(f"{str(self.path)!r} is damaged: a trial has no {error}.") from error
+        self.trials = self._read()
 
     def add(self, place: Place, config: TrialConfig, out: Path) -> bool:
         """Record a trial in `out` that has ended; return whether it has: finished, or diverged.
 
+        Where another process has recorded it meanwhile, what that one has recorded stays.
+
         Raises:
             ConfigurationError: If the record cannot be written.
-            ValueError: If the trial's records are damaged.
+            ValueError: If the trial's records are damaged, or this record is.
         """
         if place in self.trials:
             return True
@@ -81,15 +78,13 @@ class SearchRecord:
             score = round(float(last["normalized_score"].mean()), 6)
         elif not str(trial.reason).startswith(DIVERGED) or NO_MEMORY in str(trial.reason):
             return False
-        one = {
-            **vars(place),
+        told = {
             "steps": config.steps,
             "score": score,
             "training_s": round(trial.timings.get("training_s", 0.0), 1),
             "trial": trial.name,
         }
-        self._append(one)
-        self.trials[place] = one
+        self._append(place, told)
         return True
 
     def seconds_per_step(self) -> float | None:
@@ -97,14 +92,31 @@ class SearchRecord:
         steps = sum(one["steps"] for one in self.trials.values())
         return sum(one["training_s"] for one in self.trials.values()) / steps if steps else None
 
-    def _append(self, one: Mapping[str, Any]) -> None:
+    def _append(self, place: Place, told: dict[str, Any]) -> None:
+        """Add a trial, unless another process has added it, and take over what others have added."""
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            cut_torn_line(self.path)
-            begun = self.path.is_file() and self.path.stat().st_size
-            append_all(self.path, [one] if begun else [self._head, one])
+            with locked(self.path):
+                self.trials = self._read()
+                if place in self.trials:
+                    return
+                cut_torn_line(self.path)
+                begun = self.path.is_file() and self.path.stat().st_size
+                one = {**vars(place), **told}
+                append_all(self.path, [one] if begun else [self._head, one])
         except OSError as error:
             raise records.unwritable(self.path.parent, error) from error
+        self.trials[place] = told
+
+    def _read(self) -> dict[Place, dict[str, Any]]:
+        """Return the trials on the disk, by their place; errors are those of `__init__`."""
+        rows = read_rows(self.path)
+        if rows:
+            self._check(rows[0])
+        try:
+            return {_place(one): {name: one[name] for name in RECORDED} for one in rows[1:]}
+        except (KeyError, TypeError) as error:
+            raise ValueError(f"{str(self.path)!r} is damaged: a trial has no {error}.") from error
 
     def _check(self, head: Mapping[str, Any]) -> None:
         """Raise ConfigurationError unless the record was begun with the same head."""

@@ -25,6 +25,8 @@ ABOUT = (
 )
 # `score` is empty where the training diverged; the first rung is 0, and the whole budget has the last.
 COLUMNS = ("row", "candidate", "task", "noise", "seed", "score", "rung")
+# Which trial of a record one is.
+PLACE = ("rung", "candidate", "task", "noise", "seed")
 SHOWN = (1, 2, 4, 8, 16)
 # Intervals of the best of more hold the truth far too seldom (benchmarks/intervals.py).
 LAST_WITH_INTERVAL = 4
@@ -181,7 +183,11 @@ def _trials(path: Path) -> list[dict[str, Any]]:
         head, *trials = read_rows(path) or [{}]
         if head["protocol"] != seed_pools.digest(seed_pools.protocol()):
             raise ConfigurationError(f"{str(path)!r} is the record of a search by another protocol.")
-        known = [{"row": head["row"], **{name: one[name] for name in COLUMNS[1:]}} for one in trials]
+        # Each place once: two searches at the same time may have recorded a trial twice.
+        by_place = {tuple(one[name] for name in PLACE): one for one in trials}
+        known = [
+            {"row": head["row"], **{name: one[name] for name in COLUMNS[1:]}} for one in by_place.values()
+        ]
         rung = _last_rung()
         first, last = ([one for one in known if one["rung"] == number] for number in (0, rung))
         if not _complete(first, 0, len(head["candidates"])):
