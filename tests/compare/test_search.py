@@ -345,6 +345,21 @@ def test_the_table_of_algorithms_takes_the_winner_of_the_own_protocol_alone(
     assert rows["a2c"].hyperparameters == {**zoo.UNSEARCHED["a2c"].hyperparameters, **winner.hyperparameters}
 
 
+def test_winners_that_cannot_be_written_are_refused_before_the_first_trial(
+    quick, rules, tmp_path, monkeypatch
+):
+    (tmp_path / "agents").touch()
+    winners = tmp_path / "agents" / "winners.json"
+    monkeypatch.setattr(search, "WINNERS", winners)
+    own = tomllib.loads((tmp_path / "protocol.toml").read_text())
+    monkeypatch.setattr(protocol, "own_protocol", lambda: own)
+    with pytest.raises(
+        records.ConfigurationError, match=f"the table of winners '{winners}' cannot be written"
+    ):
+        run(rules, tmp_path)
+    assert not (tmp_path / "runs").exists()
+
+
 def test_record_says_what_was_searched(quick, rules, tmp_path):
     with pytest.raises(KeyboardInterrupt):
         run(rules, tmp_path, stopping := Stopping(1))

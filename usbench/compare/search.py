@@ -6,6 +6,7 @@ those that are left with more steps than the rung before, and keeps the best by 
 
 import json
 import math
+import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,7 +19,7 @@ from usbench.compare import sweep
 from usbench.compare.expected import Expected, by_published
 from usbench.compare.protocol import Protocol
 from usbench.compare.search_record import Place, SearchRecord
-from usbench.records import ConfigurationError, TrialConfig, unwritable
+from usbench.records import ConfigurationError, TrialConfig
 from usbench.trials.configuration import resolve
 from usbench.trials.lock import locked
 
@@ -58,12 +59,15 @@ def run(
         kwargs: Go to the sweep.
 
     Raises:
-        ConfigurationError: If the record is of another protocol or space, or a folder cannot be written.
+        ConfigurationError: If the record is of another protocol or space, or a folder or the table of winners
+            cannot be written.
         KeyboardInterrupt: After the running trials have kept their state.
         RuntimeError: If trials have failed for another reason than a training that diverged.
         ValueError: If records are damaged.
     """
     record = SearchRecord(folder, check_row(protocol, row), protocol)
+    if protocol.is_of_the_package:
+        _check_writable()
     left: Sequence[int] = range(protocol.search.candidates)
     scores: dict[int, float] = {}
     for number, rung in enumerate(protocol.search.rungs):
@@ -202,4 +206,20 @@ def _hand_over(winner: Winner, protocol: Protocol) -> None:
             chosen = {**winners(), winner.row: own}
             file.write(json.dumps(chosen, indent=2, sort_keys=True).encode() + b"\n")
     except OSError as error:
-        raise unwritable(WINNERS.parent, error) from error
+        raise _unwritable(error) from error
+
+
+def _check_writable() -> None:
+    """Refuse a table of winners that cannot be written, before days of trials rather than after."""
+    try:
+        with locked(WINNERS), tempfile.TemporaryFile(dir=WINNERS.parent):
+            pass
+    except OSError as error:
+        raise _unwritable(error) from error
+
+
+def _unwritable(error: OSError) -> ConfigurationError:
+    return ConfigurationError(
+        f"the table of winners {str(WINNERS)!r} cannot be written ({error.strerror}): install usbench where "
+        "it can be, or search by a protocol of your own."
+    )
