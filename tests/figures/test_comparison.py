@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from made_tables import made, seeds, trial
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_hex
 from matplotlib.text import Text
 from PIL import Image
 
@@ -219,25 +220,27 @@ def below(axis):
     return [line for line in axis.lines if line.get_marker() == "v"]
 
 
-def test_triangles_that_would_cover_each_other_are_one_with_their_number():
+def test_triangles_that_would_cover_each_other_are_a_square_with_their_number():
     # At the end vpg alone lies below 0; at half of the budget all do.
     scores_of = {"a2c": (-0.5, 0.1), "ppo": (-0.4, 0.2), "vpg": (-0.3, -0.1)}
     figure = style.panels(1, 1)[0]
     (axis,) = figure.axes
     steps = np.array([8000, 16000])
     score_axis.mark_below(axis, [(steps, own, looks.KNOWN[algo]["color"]) for algo, own in scores_of.items()])
-    assert [(line.get_xdata()[0], line.get_color()) for line in below(axis)] == [
-        (8000, "black"),
-        (16000, looks.KNOWN["vpg"]["color"]),
-    ]
+    (mark,) = below(axis)
+    assert (mark.get_xdata()[0], mark.get_color()) == (16000, looks.KNOWN["vpg"]["color"])
     (number,) = axis.texts
-    assert number.get_text() == "3" and number.xy[0] == 8000
+    assert number.get_text() == "3" and number.xy == (8000, 0)
+    # A square of a colour that no agent has.
+    assert number.get_bbox_patch().get_boxstyle().__class__.__name__ == "Square"
+    grey = to_hex(number.get_bbox_patch().get_facecolor())
+    assert grey not in {to_hex(look["color"]) for look in looks.KNOWN.values()}
     # Over CPU time, evaluations of two agents may be near each other: they are one mark, too.
     (axis,) = style.panels(1, 1)[0].axes
     score_axis.mark_below(axis, [([0, 1.00, 9], [1, -1, 1], "red"), ([0, 1.02, 9], [1, -1, 1], "blue")])
-    assert [text.get_text() for text in axis.texts] == ["2"]
-    (mark,) = below(axis)
-    assert mark.get_xdata()[0] == pytest.approx(1.01)
+    (number,) = axis.texts
+    assert number.get_text() == "2" and not below(axis)
+    assert number.xy[0] == pytest.approx(1.01)
 
 
 def test_agents_on_new_phantoms_have_learning_curves_with_optimum_and_ceiling():

@@ -149,7 +149,7 @@ def learning_curves(known: Results, table: pd.DataFrame, over: str = "step") -> 
         )
         _score_lines(axis.axhline, cell, final)
         axis.set_ylim(0, max(score_axis.HIGHEST, table["score"].max() + 0.03))
-        # Room for a number beside the triangle at step 0.
+        # Room for a number at step 0.
         axis.margins(x=0.08)
         axis.locator_params(axis="x", nbins=4)
     figure.supylabel(SCORE, fontsize=style.TEXT)
@@ -157,7 +157,7 @@ def learning_curves(known: Results, table: pd.DataFrame, over: str = "step") -> 
     _line_legend(figure, list(panels), final, {agent: handles[agent] for agent in ranked})
     figure.suptitle(
         f"{SCORED} actions: IQM over seeds with 95 % bootstrap band;\n"
-        "a triangle stands for a score below 0, a black one for those of several agents, with their number",
+        "a triangle stands for a score below 0, a grey square for those of several agents, with their number",
         fontsize=style.TEXT,
     )
     return figure

@@ -4,7 +4,6 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.patheffects import withStroke
 from numpy.typing import ArrayLike
 
 from usbench.figures import style
@@ -15,6 +14,8 @@ HIGHEST = 1.06
 CLIPPED_AT = 0.015
 # Of what curves are drawn over; nearer triangles would cover each other.
 NEAREST = 0.03
+# The colour of no agent: of the mark of several.
+SEVERAL = "0.35"
 
 
 def mark_lowest(axis: Any, height: float, lowest: float, color: str) -> None:
@@ -34,8 +35,8 @@ def mark_lowest(axis: Any, height: float, lowest: float, color: str) -> None:
 def mark_below(axis: Any, curves: Iterable[tuple[ArrayLike, ArrayLike, str]]) -> None:
     """Mark the scores of curves that lie below 0 with triangles on the axis.
 
-    A triangle has the colour of its curve. Where those of several curves would cover each other, one black
-    triangle has their number beside it.
+    A triangle has the colour of its curve. Where those of several curves would cover each other, a grey
+    square with their number stands for them: neither its colour nor its shape is an agent's.
 
     Args:
         axis: The panel.
@@ -49,20 +50,26 @@ def mark_below(axis: Any, curves: Iterable[tuple[ArrayLike, ArrayLike, str]]) ->
     for group in _near(found, NEAREST * float(np.ptp(everywhere))):
         numbers = {number for _, number in group}
         place = float(np.mean([at for at, _ in group]))
-        color = known[group[0][1]][2] if len(numbers) == 1 else "black"
-        axis.plot(place, CLIPPED_AT, "v", color=color, markersize=4, zorder=4)
-        if len(numbers) > 1:
-            axis.annotate(
-                str(len(numbers)),
-                (place, CLIPPED_AT),
-                (-3.5, -1),
-                textcoords="offset points",
-                fontsize=style.SMALL,
-                ha="right",
-                va="bottom",
-                zorder=4,
-                path_effects=[withStroke(linewidth=1.5, foreground="white")],
-            )
+        if len(numbers) == 1:
+            axis.plot(place, CLIPPED_AT, "v", color=known[group[0][1]][2], markersize=4, zorder=4)
+        else:
+            _mark_several(axis, place, len(numbers))
+
+
+def _mark_several(axis: Any, place: float, number: int) -> None:
+    """Mark that the curves of `number` agents lie below 0 at a place."""
+    axis.annotate(
+        str(number),
+        (place, 0),
+        (0, 3),
+        textcoords="offset points",
+        fontsize=style.SMALL,
+        color="white",
+        ha="center",
+        va="bottom",
+        zorder=4,
+        bbox={"boxstyle": "square,pad=0.2", "facecolor": SEVERAL, "edgecolor": "white", "linewidth": 0.6},
+    )
 
 
 def _near(found: Sequence[tuple[float, int]], width: float) -> list[list[tuple[float, int]]]:

@@ -60,7 +60,8 @@ def draw(known: pd.DataFrame) -> Figure | None:
     best.set_xlabel("n candidates drawn at random")
     best.set_ylabel("expected best score")
     best.set_title(
-        f"best of n, 95 % bootstrap band up to {tuning.LAST_WITH_INTERVAL};\na triangle: a score below 0",
+        f"best of n, 95 % bootstrap band up to {tuning.LAST_WITH_INTERVAL};\n"
+        "a triangle: a score below 0; a grey square: several",
         fontsize=style.TEXT,
     )
     style.legend(figure, *best.get_legend_handles_labels())
