@@ -289,6 +289,24 @@ def test_rows_and_legends_are_ranked():
         assert [text.get_text() for text in drawn[name].legends[0].get_texts()][:2] == ["ppo", "vpg"]
 
 
+def test_rows_are_in_the_order_of_the_table_and_not_of_medians():
+    # ppo has the larger median, 0.6, and the smaller interquartile mean, 0.45.
+    low, even = [0.0, 0.0, 0.0, 0.6, 0.6, 0.6, 0.6, 0.6], [0.5] * 8
+    # Of qrdqn, seeds that are not finished in both tasks do not count.
+    early = [*seeds("qrdqn", [0.4, 0.4, 1.0, 1.0, 1.0, 1.0]), *seeds("qrdqn", [0.4, 0.4], task="pp")]
+    tasks = [
+        row
+        for task in ("fp", "pp")
+        for algo, own in (("ppo", low), ("vpg", even))
+        for row in seeds(algo, own, task=task)
+    ]
+    drawn = comparison.draw(made(*tasks, *early))
+    ranked = ["vpg", "ppo", "qrdqn"]
+    assert [label.get_text() for label in drawn["scores"].axes[0].get_yticklabels()] == ranked[::-1]
+    for name in ("learning_curves", "performance_profiles"):
+        assert [text.get_text() for text in drawn[name].legends[0].get_texts()][:3] == ranked
+
+
 def test_pairs_are_sentences():
     (axis,) = comparison.improvement(made(*GRID)).axes
     assert [label.get_text() for label in axis.get_yticklabels()] == ["P(ppo beats vpg)"]

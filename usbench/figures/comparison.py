@@ -91,7 +91,7 @@ def final_scores(known: Results) -> Figure | None:
         return None
     rows = table[~table["agent"].isin(REFERENCES)]
     rows = table if rows.empty else rows
-    worst_first = _ranked(rows)[::-1]
+    worst_first = _ranked(known, rows)[::-1]
     here = {cell: [name for name in worst_first if name in set(own["agent"])] for cell, own in _by_cell(rows)}
     same = len({tuple(names) for names in here.values()}) == 1
     labels = {name: textwrap.fill(name, NAME_LETTERS) for names in here.values() for name in names}
@@ -153,7 +153,7 @@ def learning_curves(known: Results, table: pd.DataFrame, over: str = "step") -> 
         axis.margins(x=0.08)
         axis.locator_params(axis="x", nbins=4)
     figure.supylabel(SCORE, fontsize=style.TEXT)
-    ranked = _ranked(final[final["agent"].isin(set(handles))])
+    ranked = _ranked(known, final[final["agent"].isin(set(handles))])
     _line_legend(figure, list(panels), final, {agent: handles[agent] for agent in ranked})
     figure.suptitle(
         f"{SCORED} actions: IQM over seeds with 95 % bootstrap band;\n"
@@ -223,10 +223,15 @@ def _final(known: Results) -> pd.DataFrame:
     return scores.last(known).merge(named(known.trials), on="trial")
 
 
-def _ranked(table: pd.DataFrame) -> list[str]:
-    """Return the agents of final scores, best first."""
-    medians = table.groupby("agent")["normalized_score"].median()
-    return list(medians.sort_values(kind="stable", ascending=False).index)
+def _ranked(known: Results, final: pd.DataFrame) -> list[str]:
+    """Return the agents of final scores, best first, in the order of the table over all cells.
+
+    An agent that is not in that table has its place by the same figure, of all scores that it has.
+    """
+    matrices, _ = scores.matrices(known)
+    found = {agent: own.to_numpy(np.float64) for agent, own in final.groupby("agent")[["normalized_score"]]}
+    figures = {agent: float(stats.iqm(matrices.get(agent, own))) for agent, own in found.items()}
+    return sorted(figures, key=lambda agent: (-figures[agent], agent))
 
 
 def _by_cell(table: pd.DataFrame) -> list[tuple[Cell, pd.DataFrame]]:
