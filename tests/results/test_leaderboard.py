@@ -37,7 +37,9 @@ def test_opens_with_the_answer():
     text = leaderboard.markdown(made(*GRID))
     title, answer = text.split("\n\n")[:2]
     assert title == "# Leaderboard"
-    assert answer.startswith("So far (8 of 9 trials are finished) a first look and no ranking: only 4 seeds")
+    assert answer.startswith(
+        "So far 8 of 9 trials are finished. A first look and no ranking: only 4 seeds, where"
+    )
 
 
 def test_rows_are_ranked_with_reference_policies_last():
@@ -151,7 +153,8 @@ def test_other_tasks_have_a_table_of_their_own():
         "## Probability of improvement: the other tasks",
     ]
     assert "is not in the table" not in text
-    assert "(fp, noise 0) is that of `a2c`, 0.60" in text.split("\n\n")[1]
+    assert "`a2c` has the highest score: 0.60 over 1 of the 6 cells" in text.split("\n\n")[1]
+    assert "(fp, noise 0)" in text.split("\n\n")[1]
 
 
 @pytest.mark.parametrize("n_seeds", [4, 5])
@@ -169,7 +172,8 @@ def test_environments_with_exact_returns_of_their_own_are_said():
     mine = trial("a2c", optimal=-2.0, settings='{"environment": "mine"}')
     text = leaderboard.markdown(made(trial("vpg"), mine))
     assert "The trials are from different environments: each has exact returns of its own." in text
-    assert "## All cells together" not in text and "no algorithm has finished trials in every cell" in text
+    assert "## All cells together" not in text and "no agent can be compared over all cells" in text
+    assert "All trials (2) are finished, but trials of fp, noise 0 are from different environments." in text
 
 
 def test_anchors_that_differ_by_less_than_is_shown_are_the_same():

@@ -38,6 +38,8 @@ CELL = list(Cell._fields)
 ROW = [*CELL, "algo", "configuration", "agent"]
 # What cells are averaged over together.
 ALL, PAPERS, OTHERS = "all cells", "the paper's tasks", "the other tasks"
+# How a reason begins why an agent has no score over all cells.
+NOT_IN = "no finished trial in"
 _NO_SCORE = dict.fromkeys(("score", "score_low", "score_high"), np.nan)
 
 
@@ -172,7 +174,7 @@ def finals(results: Results) -> tuple[dict[str, pd.DataFrame], dict[str, str]]:
         empty = [cell for cell in wanted if table[cell].isna().all()]
         table = table.dropna()
         if empty:
-            reasons[agent] = f"no finished trial in {', '.join(cell.name for cell in empty)}"
+            reasons[agent] = f"{NOT_IN} {', '.join(cell.name for cell in empty)}"
         elif table.empty:
             reasons[agent] = "no seed is finished in every cell"
         else:

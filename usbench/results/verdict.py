@@ -23,7 +23,7 @@ PAPERS_OWN_TUNED = "vpg-tuned"
 BETTER = "other methods do better than the paper's vanilla policy gradient"
 NONE_BETTER = "no other method does better than the paper's vanilla policy gradient"
 OPEN = f"whether {BETTER} is open"
-SCALE = "(0 is a random agent, 1 the optimum)"
+SCALE = "where 0 is the random agent and 1 the optimum"
 
 
 @dataclass(frozen=True)
@@ -39,8 +39,8 @@ class _Ranked:
         row = self.table.loc[agent]
         return interval(row["score"], row["score_low"], row["score_high"], 2)
 
-    def beside(self, agents: Sequence[str], own: str, it: str = "it") -> str:
-        """Return how `agents` lie to `own`, in clauses."""
+    def beside(self, agents: Sequence[str], own: str) -> list[str]:
+        """Return how `agents` lie to `own`, in sentences."""
         kinds: tuple[tuple[Callable[[str], bool], str, str], ...] = (
             (lambda one: (one, own) in self.above, "lies above", "lie above"),
             (lambda one: (own, one) in self.above, "lies below", "lie below"),
@@ -50,12 +50,12 @@ class _Ranked:
                 "cannot be told apart from",
             ),
         )
-        clauses = []
+        sentences = []
         for holds, single, several in kinds:
             found = [one for one in agents if holds(one)]
             if found:
-                clauses.append(f"{names(found)} {single if len(found) == 1 else several} {it}")
-        return ", ".join(clauses)
+                sentences.append(f"{names(found)} {single if len(found) == 1 else several} {code(own)}.")
+        return sentences
 
 
 def text(known: Results, tested: pd.DataFrame | None = None) -> str:
@@ -65,6 +65,8 @@ def text(known: Results, tested: pd.DataFrame | None = None) -> str:
 
 def sentences(known: Results, tested: pd.DataFrame | None = None) -> list[str]:
     """Return what a leaderboard says first: whose score is highest, and how others compare with `vpg`.
+
+    Each item is a paragraph of sentences with a fact in each.
 
     With fewer than `ranking.MIN_SEEDS` seeds, a shorter budget than a task's, or seeds that are not kept for
     comparisons, it only names scores.
@@ -78,16 +80,10 @@ def sentences(known: Results, tested: pd.DataFrame | None = None) -> list[str]:
     finished = int((learning["status"] == "finished").sum())
     matrices = scores.learners(own)
     if not matrices:
-        return [
-            f"{capital(OPEN)}: no algorithm has finished trials in every cell. "
-            f"{finished} of {len(learning)} trials are finished; `usbench compare`, run again, adds the rest."
-        ]
+        return [" ".join(map(capital, _nothing(own, learning, finished)))]
     enough = {agent: matrix for agent, matrix in matrices.items() if len(matrix) >= ranking.MIN_SEEDS}
     waiting = {agent: len(matrix) for agent, matrix in matrices.items() if agent not in enough}
     kept = enough or matrices
-    so_far = (
-        f"so far ({finished} of {len(learning)} trials are finished) " if finished < len(learning) else ""
-    )
     cells = scores.cells_of(learning)
     table = ranking.overall(kept).set_index("agent")
     reasons = [*_short(learning, kept), *([] if enough else [_few(waiting)]), *_seen(learning, kept)]
@@ -102,11 +98,31 @@ def sentences(known: Results, tested: pd.DataFrame | None = None) -> list[str]:
         named_here = {str(table.index[0]), PAPERS_OWN, PAPERS_OWN_TUNED}
         fewer = [two for two in sorted(ranking.above_by_cells_alone(pairs)) if named_here & {*two}]
         if fewer:
-            found.append(f"with whole seeds drawn, it is not sure that {pairs_of(fewer)}.")
+            found.append([f"with whole seeds drawn, it is not sure that {pairs_of(fewer)}."])
     if enough and waiting:
-        found.append(f"With {_few(waiting)}, {names(list(waiting))} must wait.")
-    found[0] = f"{so_far}{found[0]}"
-    return [capital(sentence) for sentence in [*found, *_phantoms(own, tested)]]
+        found.append([f"with {_few(waiting)}, {names(list(waiting))} must wait."])
+    if finished < len(learning):
+        found[0].insert(0, f"so far {finished} of {len(learning)} trials are finished.")
+    return [" ".join(map(capital, paragraph)) for paragraph in [*found, *_phantoms(own, tested)]]
+
+
+def _nothing(own: Results, learning: pd.DataFrame, finished: int) -> list[str]:
+    """Return in sentences why no agent has a score over all cells."""
+    if finished < len(learning) or learning.empty:
+        return [
+            f"{OPEN}: no algorithm has finished trials in every cell.",
+            f"{finished} of {len(learning)} trials are finished.",
+            "`usbench compare`, run again, adds the rest.",
+        ]
+    trials = named(own.trials)
+    learners = set(trials.loc[scores.ranked(trials), "agent"])
+    reasons = {why for agent, why in scores.matrices(own)[1].items() if agent in learners}
+    others = sorted(why for why in reasons if not why.startswith(scores.NOT_IN))
+    why = " and ".join(others) or "the cells hold different agents"
+    return [
+        f"{OPEN}: no agent can be compared over all cells.",
+        f"All trials ({len(learning)}) are finished, but {why}.",
+    ]
 
 
 def _short(learning: pd.DataFrame, agents: Collection[str]) -> list[str]:
@@ -152,105 +168,122 @@ def _few(waiting: dict[str, int]) -> str:
     return f"only {number} {'seed' if high == 1 else 'seeds'}, where at least {ranking.MIN_SEEDS} are needed"
 
 
-def _first_look(table: pd.DataFrame, reasons: list[str], where: str) -> str:
+def _first_look(table: pd.DataFrame, reasons: list[str], where: str) -> list[str]:
     ranked = _Ranked(table, set(), pd.DataFrame())
-    best, own = str(table.index[0]), ""
+    best = str(table.index[0])
     near = list(table.index[table["score_high"] >= table["score_low"].iloc[0]].drop(best, errors="ignore"))
-    doubt = f", which its interval does not separate from {names(near)}" if near else ""
+    sentences = [
+        f"a first look and no ranking: {', and '.join(reasons)}.",
+        f"{code(best)} has the highest score: {ranked.score(best)} over {where}, {SCALE}.",
+    ]
+    if near:
+        sentences.append(f"its interval overlaps {'that' if len(near) == 1 else 'those'} of {names(near)}.")
     if PAPERS_OWN in table.index and best != PAPERS_OWN:
-        own = f", that of the paper's vanilla policy gradient (`{PAPERS_OWN}`) is {ranked.score(PAPERS_OWN)}"
-    return (
-        f"a first look and no ranking: {', and '.join(reasons)}. The highest score over {where} is that of "
-        f"{code(best)}, {ranked.score(best)} {SCALE}{doubt}{own}; {OPEN}."
-    )
+        sentences.append(
+            f"`{PAPERS_OWN}`, the paper's vanilla policy gradient, has {ranked.score(PAPERS_OWN)}."
+        )
+    return [*sentences, f"{OPEN}."]
 
 
-def _highest(ranked: _Ranked, where: str) -> str:
+def _highest(ranked: _Ranked, where: str) -> list[str]:
     best, *others = (str(agent) for agent in ranked.table.index)
     seeds = int(ranked.table.loc[best, "seeds"])
-    score, over = ranked.score(best), f"over {where} with {seeds} seeds {SCALE}"
+    score = f"{ranked.score(best)} over {where} with {seeds} seeds, {SCALE}"
     if not others:
-        return f"only {code(best)} has enough finished trials in every cell, with {score} {over}."
+        return [f"only {code(best)} has enough finished trials in every cell.", f"it has {score}."]
     near = [one for one in others if not {(one, best), (best, one)} & ranked.above]
-    if not near:
-        return f"{code(best)} has the highest score, {score} {over}; {ranked.beside(others, best)}."
-    rest = ranked.beside([one for one in others if one not in near], best, code(best))
-    alike = " and ".join(f"{code(one)}, {ranked.score(one)}" for one in near)
-    return (
-        f"{code(best)} has the highest score, {score} {over}, but cannot be told apart from {alike}"
-        f"{'; ' if rest else ''}{rest}."
-    )
+    return [
+        f"{code(best)} has the highest score: {score}.",
+        *(f"{code(one)} has {ranked.score(one)} and cannot be told apart from {code(best)}." for one in near),
+        *ranked.beside([one for one in others if one not in near], best),
+    ]
 
 
-def _against_the_papers_own(ranked: _Ranked, in_part: bool) -> list[str]:
+def _against_the_papers_own(ranked: _Ranked, in_part: bool) -> list[list[str]]:
     agents = [str(agent) for agent in ranked.table.index]
     if PAPERS_OWN not in agents:
-        return [f"{OPEN}: `{PAPERS_OWN}` lacks finished trials in some cell, or seeds."]
+        return [[f"{OPEN}: `{PAPERS_OWN}` lacks finished trials in some cell, or seeds."]]
     # The same method with other settings is not another method.
     others = [agent for agent in agents if agent.split()[0] not in (PAPERS_OWN, PAPERS_OWN_TUNED)]
     if not others:
-        return [f"{OPEN}: no other has enough finished trials in every cell."]
-    own, there = f"(`{PAPERS_OWN}`, {ranked.score(PAPERS_OWN)})", "there, " if in_part else ""
+        return [[f"{OPEN}: no other has enough finished trials in every cell."]]
+    there = "there, " if in_part else ""
     if any((one, PAPERS_OWN) in ranked.above for one in others):
-        verdict = f"{there}{BETTER} {own}"
+        verdict = f"{there}{BETTER}, `{PAPERS_OWN}`."
     elif all((PAPERS_OWN, one) in ranked.above for one in others):
-        verdict = f"{there}{NONE_BETTER} {own}"
+        verdict = f"{there}{NONE_BETTER}, `{PAPERS_OWN}`."
     else:
-        verdict = f"whether {BETTER} {own} cannot be told from these seeds"
+        verdict = f"whether {BETTER}, `{PAPERS_OWN}`, cannot be told from these seeds."
     pair = ranked.pairs.set_index(["agent", "other"]).loc[(others[0], PAPERS_OWN)]
     chance = interval(pair["probability"], pair["sure_low"], pair["sure_high"], 2)
     n_pairs = len(ranked.pairs) // 2
     level = f"{100 * ranking.corrected_level(len(agents)):.4g} % interval"
     level += f", corrected for {n_pairs} pairs" if n_pairs > 1 else ""
-    sentences = [
-        f"{verdict}: {ranked.beside(others, PAPERS_OWN)}; a trial of {code(others[0])} beats one of "
-        f"`{PAPERS_OWN}` with probability {chance} ({level})."
+    paragraphs = [
+        [
+            verdict,
+            f"`{PAPERS_OWN}` has {ranked.score(PAPERS_OWN)}.",
+            *ranked.beside(others, PAPERS_OWN),
+            f"a trial of {code(others[0])} beats one of `{PAPERS_OWN}` with probability {chance} ({level}).",
+        ]
     ]
     if PAPERS_OWN_TUNED in agents:
-        tuned = f"`{PAPERS_OWN_TUNED}`"
-        sentences.append(
-            f"tuned as all others are, the same algorithm ({tuned}) has {ranked.score(PAPERS_OWN_TUNED)}: "
-            f"{ranked.beside([PAPERS_OWN_TUNED], PAPERS_OWN, f'`{PAPERS_OWN}`')}; "
-            f"{ranked.beside(others, PAPERS_OWN_TUNED, tuned)}."
+        paragraphs.append(
+            [
+                f"`{PAPERS_OWN_TUNED}` is the same algorithm, of which all settings were searched.",
+                f"it has {ranked.score(PAPERS_OWN_TUNED)}.",
+                *ranked.beside([PAPERS_OWN_TUNED], PAPERS_OWN),
+                *ranked.beside(others, PAPERS_OWN_TUNED),
+            ]
         )
-    return sentences
+    return paragraphs
 
 
-def _phantoms(own: Results, tested: pd.DataFrame | None) -> list[str]:
-    """Return a sentence on the phantom of the paper's tasks, and on scores on unseen phantoms."""
+def _phantoms(own: Results, tested: pd.DataFrame | None) -> list[list[str]]:
+    """Return a paragraph on the phantom of the paper's tasks, and on scores on unseen phantoms."""
     tasks = [task for task in PAPER if task in set(own.trials["task"])]
     if not tasks:
         return []
-    here = f"{names(tasks)} {'are' if len(tasks) > 1 else 'is'} evaluated on the phantom of training"
+    here = f"{names(tasks)} {'are' if len(tasks) > 1 else 'is'} evaluated on the phantom of training."
     if tested is None or (known := held_out.by_task(own, tested)).empty:
-        return [f"{here}; how its agents do on others is not tested here."]
-    clauses = []
-    for task, rows in known.groupby("task"):
-        clauses.append(
-            f"agents with {rows['there'].min():.2f} to {rows['there'].max():.2f} on `{task}`"
-            f"{_where_tested(own.trials[own.trials['task'] == task], tested)} have "
-            f"{number(rows['elsewhere'].min(), 2)} to {number(rows['elsewhere'].max(), 2)}{_ends(rows)}"
-        )
+        return [[here, "how agents do on others is not tested here."]]
     trials = own.trials[own.trials["trial"].isin(tested["trial"])]
     several = (trials.groupby("task")["noise"].nunique() > 1).any()
-    together = ", the tested noises taken together" if several else ""
-    return [f"{here}: on unseen phantoms{together}, {', and '.join(clauses)}."]
+    together = "; the tested noises are taken together" if several else ""
+    sentences = [here, f"agents were tested on unseen phantoms, too{together}."]
+    for task, rows in known.groupby("task"):
+        sentences += [
+            f"agents with {_range(rows['there'])} on `{task}`"
+            f"{_where_tested(own.trials[own.trials['task'] == task], tested)} have "
+            f"{_range(rows['elsewhere'])} on unseen phantoms.",
+            *_ends(rows),
+        ]
+    return [sentences]
 
 
-def _ends(rows: pd.DataFrame) -> str:
-    """Return in words which agents have the lowest and which the highest scores on unseen phantoms.
+def _range(values: "pd.Series[float]") -> str:
+    """Return in words between which scores agents lie."""
+    return f"{number(values.min(), 2)} to {number(values.max(), 2)}"
+
+
+def _ends(rows: pd.DataFrame) -> list[str]:
+    """Return in a sentence which agents have the lowest and which the highest scores on unseen phantoms.
 
     All agents are named whose intervals overlap that of the lowest or of the highest; nobody is, where one
     overlaps both.
     """
     if len(rows) < 2 or rows["low"].isna().any():
-        return ""
+        return []
     lowest, highest = (rows.loc[place] for place in (rows["elsewhere"].idxmin(), rows["elsewhere"].idxmax()))
     low = list(rows.loc[rows["low"] <= lowest["high"], "agent"])
     high = list(rows.loc[rows["high"] >= highest["low"], "agent"])
     if {*low} & {*high}:
-        return " (their intervals overlap)"
-    return f" (lowest, as far as intervals tell, {names(low)}; highest {names(high)})"
+        return ["their intervals there overlap."]
+    return [f"as far as intervals tell, the lowest there {_are(low)}, and the highest {_are(high)}."]
+
+
+def _are(agents: Sequence[str]) -> str:
+    return f"{'is' if len(agents) == 1 else 'are'} {names(agents)}"
 
 
 def _where_tested(trials: pd.DataFrame, tested: pd.DataFrame) -> str:
