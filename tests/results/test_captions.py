@@ -25,11 +25,11 @@ def draw(known, folder, kinds=KINDS):
     ("trials", "words"),
     [
         (PAPERS, ["the paper's tasks"]),
-        (OTHERS, ["`exam` and `setup`"]),
-        (PAPERS + OTHERS, ["the paper's tasks", "`exam` and `setup`"]),
-        (UNSEEN, ["`pp-random` and `pp-tracked`"]),
+        (OTHERS, ["exam and setup"]),
+        (PAPERS + OTHERS, ["the paper's tasks", "exam and setup"]),
+        (UNSEEN, ["pp-random and pp-tracked"]),
         (PAPERS + UNSEEN, ["the paper's tasks", "the table unseen-phantoms"]),
-        ([trial("oracle", 1.0, task="exam")], ["`exam`"]),
+        ([trial("oracle", 1.0, task="exam")], ["exam"]),
         # A reference policy learns on no task.
         ([*PAPERS, trial("oracle", 1.0, task="exam")], ["the paper's tasks"]),
     ],

@@ -19,3 +19,8 @@ def test_names_in_a_row():
     assert text.names(["a"]) == "`a`"
     assert text.pairs_of([("a", "b"), ("c", "d")]) == "`a` lies above `b`, `c` above `d`"
     assert text.names(["a", "b", "c"]) == "`a`, `b` and `c`"
+
+
+def test_escaped_names_are_no_markup():
+    assert text.escaped("exam-stop") == "exam-stop"
+    assert text.escaped("a](b)`<c>") == "a&#93;&#40;b&#41;&#96;&#60;c&#62;"

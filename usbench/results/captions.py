@@ -48,9 +48,9 @@ def _links(part: str, trials: pd.DataFrame, folder: Path, shown_as: str) -> list
 
 
 def _where(part: str, trials: pd.DataFrame) -> str:
-    """Return in words of which tasks a part is."""
+    """Return in words of which tasks a part is, without code: sites leave that out of a picture's words."""
     if part in further.names():
         return f"the table {part}"
     learned = trials[trials["steps"] > 0]
     tasks = sorted(set((trials if learned.empty else learned)["task"]))
-    return "the paper's tasks" if set(tasks) <= set(PAPER) else text.names(tasks)
+    return "the paper's tasks" if set(tasks) <= set(PAPER) else text.in_a_row(list(map(text.escaped, tasks)))

@@ -34,7 +34,12 @@ def code(name: str) -> str:
     """Return a name as code; with a bar, a backtick or HTML it stays within its cell of a table, too."""
     if not set(name) & set("|`<>&\n\r"):
         return f"`{name}`"
-    return f"<code>{''.join(c if c.isalnum() or c in PLAIN else f'&#{ord(c)};' for c in name)}</code>"
+    return f"<code>{escaped(name)}</code>"
+
+
+def escaped(name: str) -> str:
+    """Return a name as plain text, in which nothing is markup."""
+    return "".join(c if c.isalnum() or c in PLAIN else f"&#{ord(c)};" for c in name)
 
 
 def agent(name: str, *notes: str) -> str:
@@ -45,8 +50,12 @@ def agent(name: str, *notes: str) -> str:
 
 def names(agents: Sequence[str]) -> str:
     """Return names in a row: "`a`, `b` and `c`"."""
-    quoted = [code(one) for one in agents]
-    return quoted[0] if len(quoted) == 1 else f"{', '.join(quoted[:-1])} and {quoted[-1]}"
+    return in_a_row([code(one) for one in agents])
+
+
+def in_a_row(words: Sequence[str]) -> str:
+    """Return words in a row: "a, b and c"."""
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
 
 def pairs_of(agents: Sequence[tuple[str, str]]) -> str:
