@@ -131,7 +131,8 @@ def hyperparameters(
 ) -> dict[str, Value]:
     """All hyperparameters of `algo`: the row's, then the task's, the preset's, and `overrides`, checked.
 
-    Overrides given as text, as on a command line, are parsed to the declared type.
+    Overrides given as text, as on a command line, are parsed to the declared type. A hyperparameter without
+    a declared type, as a row of one's own may have, is taken only with a value that the row says.
 
     Raises:
         TypeError: an override has the wrong type.
@@ -143,6 +144,8 @@ def hyperparameters(
     for name, value in (overrides or {}).items():
         if name in row.hyperparameters and name in RANGES:
             merged[name] = parse(name, value) if isinstance(value, str) else check(name, value)
+        elif name not in RANGES and value in (said := _said(row, task, name)):
+            merged[name] = said[said.index(value)]
         else:
             raise unknown(f"hyperparameter of {algo}", name, sorted(row.hyperparameters.keys() & RANGES))
     if preset is not None and preset not in row.presets:
@@ -153,6 +156,12 @@ def hyperparameters(
             f"of {merged['batch_size']}."
         )
     return merged
+
+
+def _said(row: Entry, task: str, name: str) -> list[Value]:
+    """The values of the hyperparameter `name` in a row, by itself, for the task, and in presets."""
+    places = (row.hyperparameters, row.tasks.get(task, {}), *row.presets.values())
+    return [place[name] for place in places if name in place]
 
 
 def rollout_steps(algo: str, hyperparameters: Mapping[str, Value]) -> int:

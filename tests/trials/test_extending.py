@@ -106,6 +106,27 @@ def test_the_pages_network_learns_from_stacked_frames(here):
         sys.modules.pop("network", None)
 
 
+CLIPPED = """
+from dataclasses import replace
+
+from usbench.agents.zoo import ZOO
+
+ppo = ZOO["ppo"]
+own = {**ppo.hyperparameters, "n_steps": 32, "batch_size": 32, "clip_range_vf": 0.2}
+Clipped = replace(ppo, hyperparameters=own, presets={"wide": {"clip_range_vf": 0.5}})
+"""
+
+
+@pytest.mark.parametrize(("options", "clip"), [([], 0.2), (["--preset", "wide"], 0.5)])
+def test_a_row_with_a_hyperparameter_that_cannot_be_set_is_opened_with_its_own_value(here, options, clip):
+    (here / "mine.py").write_text(CLIPPED)
+    assert cli.main(["run", "--algo", "mine:Clipped", *SHORT, *options]) == 0
+    agent = load_agent(the_trial(here), algo="mine:Clipped").agent
+    assert agent.clip_range_vf(1.0) == clip
+    with pytest.raises(ValueError, match="unknown hyperparameter of mine:Clipped 'clip_range_vf'"):
+        zoo.hyperparameters("mine:Clipped", "pp", {"clip_range_vf": 0.3})
+
+
 WHOLE_EPISODES = """
 from stable_baselines3 import DQN
 
