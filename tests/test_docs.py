@@ -172,14 +172,33 @@ def test_points_of_ones_own_are_seen(tmp_path, monkeypatch):
     assert 60 < np.median(picture[60:440]) < 180
 
 
+# Options of a cell stand between two lines of dashes before its code.
+CELL = re.compile(
+    r"^```\{code-cell\} python\n(?:---\n(?P<options>.*?)^---\n)?(?P<code>.*?)^```", re.DOTALL | re.MULTILINE
+)
+
+
 def cells(page):
-    return re.findall(r"^```\{code-cell\} python\n(.*?)^```", page.read_text(), re.DOTALL | re.MULTILINE)
+    return [cell["code"] for cell in CELL.finditer(page.read_text())]
 
 
 def test_the_gallery_has_eight_short_examples():
     _, *examples = cells(ROOT / "docs" / "gallery.md")
     assert len(examples) == 8
     assert all(len(code.strip().split("\n")) <= 15 for code in examples)
+
+
+def test_pictures_that_cells_draw_have_words():
+    """Without them the site has the name of a file."""
+    _, *examples = CELL.finditer((ROOT / "docs" / "gallery.md").read_text())
+    given = "mystnb:\n  image:\n    alt: >-\n"
+    assert all(cell["options"].startswith(given) for cell in examples)
+    words = [cell["options"].removeprefix(given) for cell in examples]
+    for notebook in NOTEBOOKS:
+        for cell in json.loads(notebook.read_text())["cells"]:
+            if cell["cell_type"] == "code" and re.search(r"\bdisplay\(|\bplt\.", "".join(cell["source"])):
+                words.append(cell["metadata"]["mystnb"]["image"]["alt"])
+    assert len(words) == len(set(words)) == 11 and all(len(one.split()) > 7 for one in words)
 
 
 @pytest.mark.slow

@@ -27,14 +27,16 @@ pytestmark = pytest.mark.site
 
 
 class Page(HTMLParser):
-    """The places of a page that links may name, and the links that it has."""
+    """The places of a page that links may name, the links that it has, and the words of its pictures."""
 
     def __init__(self, path):
         super().__init__()
-        self.places, self.links = set(), []
+        self.places, self.links, self.pictures = set(), [], []
         self.feed(path.read_text(encoding="utf-8"))
 
     def handle_starttag(self, tag, attributes):
+        if tag == "img":
+            self.pictures.append(dict(attributes).get("alt") or "")
         for name, value in attributes:
             if name == "id" or (tag == "a" and name == "name"):
                 self.places.add(value)
@@ -89,6 +91,17 @@ def test_links_within_the_site_arrive():
             ):
                 missing.add(f"{path.relative_to(BUILT)}: {link}")
     assert sorted(missing) == []
+
+
+def test_every_picture_has_words():
+    """Where a page gives none, the site takes the name of the file."""
+    found = {
+        (path.relative_to(BUILT).as_posix(), words)
+        for path in BUILT.rglob("*.html")
+        for words in Page(path).pictures
+    }
+    assert len(found) > 50
+    assert [one for one in sorted(found) if not one[1].strip() or re.search(r"\.\w{3,4}$", one[1])] == []
 
 
 def test_no_notebook_shows_an_error():
