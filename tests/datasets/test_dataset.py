@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from usbench import cli, released
+from usbench.anchors import Anchors
 from usbench.checks import ConfigurationError
-from usbench.datasets import minari_files
+from usbench.datasets import card, minari_files
+from usbench.datasets.episodes import Played
 from usbench.records import Trial
 from usbench.setting import Setting
 
@@ -87,6 +89,19 @@ def test_the_card_names_the_command_that_makes_the_data_set_again(place):
     _, folder = minari_files.write("pp", "mixed", 2, noise=0.5, seed=3)
     command = "usbench dataset --task pp --agent mixed --episodes 2 --noise 0.5 --seed 3\n"
     assert command in (folder / minari_files.CARD).read_text()
+
+
+@pytest.mark.parametrize(("task", "draws"), [("pp", False), ("pp-random", True)])
+def test_the_card_says_whether_evaluations_have_its_phantom(task, draws):
+    def played(seed, action=0):
+        return Played("random", seed, actions=[action], rewards=[0.0], infos={"x_mm": [0], "is_success": [0]})
+
+    setting, anchors = Setting(task=task), Anchors(optimal=0.0, random=-1.0, stay=-1.0)
+    text = card.text(task, setting, "random", anchors, [played(1), played(2), played(2, 1)], 0, 1)
+    # The same start and the same action twice, in two phantoms where phantoms are drawn.
+    assert f"3 episodes, {3 if draws else 2} of them distinct ({'phantom, ' if draws else ''}start" in text
+    assert ("Phantoms of evaluations are never in a data set" in text) == draws
+    assert ("The phantom is always the same, and evaluations have it, too" in text) == (not draws)
 
 
 def test_the_same_arguments_give_the_same_episodes_and_another_seed_gives_others(place, tmp_path):

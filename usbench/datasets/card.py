@@ -36,12 +36,22 @@ def text(
     noise = f" --noise {setting.noise:g}" if setting.noise else ""
     options = f"--task {setting.task} --agent {agent} --episodes {len(played)}{noise} --seed {seed}"
     n_steps = sum(len(episode.actions) for episode in played)
-    distinct = len({(tuple(episode.actions), _start(episode)) for episode in played})
+    draws = setting.row.phantoms > 0
+    # Where phantoms are drawn, every seed has its own.
+    distinct = len(
+        {(episode.seed if draws else None, _start(episode), *episode.actions) for episode in played}
+    )
+    alike = "phantom, start and actions" if draws else "start and actions"
+    phantoms = (
+        "Phantoms of evaluations are never in a data set."
+        if draws
+        else "The phantom is always the same, and evaluations have it, too."
+    )
     lines = [
         f"# {name}",
         description(setting, who),
         f"```\nusbench dataset {options}\n```",
-        f"{len(played)} episodes, {distinct} of them distinct (start and actions), {n_steps} steps, "
+        f"{len(played)} episodes, {distinct} of them distinct ({alike}), {n_steps} steps, "
         f"{size_bytes / 1e6:.1f} MB; written by usbench {version('usbench')}.",
         _table(anchors, played, {agent: _described(agent, setting.task) for agent in who}),
         "The normalised score is (return - random) / (optimal - random) with exact expectations, which "
@@ -49,8 +59,8 @@ def text(
         "the true pose, the distance and the number of the agent in the table: an agent that learns from "
         "them knows more than the frames.",
         "Frames are uint8, bit for bit what the environment shows: one frame per observation, where the "
-        "agents saw a stack of them, normalised. Phantoms of evaluations are never in a data set. Frames "
-        "are simulated: nothing in them is of a patient.",
+        f"agents saw a stack of them, normalised. {phantoms} Frames are simulated: nothing in them is of a "
+        "patient.",
     ]
     return "\n\n".join(lines) + "\n"
 
