@@ -10,6 +10,7 @@ from fp_frames import FpFrames
 
 import usbench
 from usbench import cli, records, released
+from usbench.agents import hyperparameters
 from usbench.checks import ConfigurationError
 from usbench.guide import agents as guide_agents
 from usbench.setting import Setting
@@ -78,6 +79,17 @@ def test_a_card_tells_the_digest_of_the_weights(name):
     folder = released.folder_of(name)
     digest = hashlib.sha256((folder / records.WEIGHTS).read_bytes()).hexdigest()
     assert digest in (folder / released.CARD).read_text()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_card_has_the_hyperparameters_as_the_command_takes_them(name):
+    folder = released.folder_of(name)
+    said = re.search(
+        r"^Hyperparameters: (.+?)\. Versions: ", (folder / released.CARD).read_text(), re.MULTILINE
+    )
+    pairs = [one.split("=") for one in said[1].split(", ")]
+    own = records.Trial.read(folder).config.hyperparameters
+    assert {key: hyperparameters.parse(key, value) for key, value in pairs} == own
 
 
 def test_all_agents_together_are_small():

@@ -149,6 +149,31 @@ def test_the_command_of_a_card_says_what_the_agent_is_told(senses, tmp_path, mon
     assert configs == [config]
 
 
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        (True, "true"),
+        (False, "false"),
+        (10_000_000, "10000000"),
+        (1.0, "1"),
+        (5e-05, "5e-05"),
+        (-130.0, "-130"),
+        (-6.666667, "-6.666667"),
+    ],
+)
+def test_a_hyperparameter_stands_on_a_card_as_the_command_takes_it(value, said):
+    assert model_card.as_set(value) == said
+
+
+def test_a_trial_without_others_is_called_the_only_one(runs, tmp_path):
+    trial = could_be_released(runs)[0]
+    folder = release.write([trial.folder], tmp_path / "made")[0]
+    assert (
+        "\n\nThere was only this one trial (seed 0, of the pool for development).\n\n"
+        in (folder / released.CARD).read_text()
+    )
+
+
 def test_objects_that_could_run_code_are_refused(runs, tmp_path):
     folder = release.write([runs], tmp_path / "made")[0]
     path = folder / records.WEIGHTS

@@ -13,6 +13,7 @@ import pandas as pd
 from scipy import stats
 
 from usbench import records, seed_pools
+from usbench.agents.hyperparameters import Value
 from usbench.agents.zoo import entry
 from usbench.records import Trial, TrialConfig
 from usbench.results import held_out, published, tables
@@ -114,7 +115,7 @@ def _choice(trial: Trial, rivals: Sequence[Rival]) -> str:
     pool = seed_pools.own().of(seed) or "no"
     ranked = sorted(rivals, key=lambda one: (-one.score, one.algo, one.seed))
     if len(ranked) == 1:
-        return f"It was chosen from no others: seed {seed} (of the pool for {pool})."
+        return f"There was only this one trial (seed {seed}, of the pool for {pool})."
     return (
         f"It is the trial of seed {seed} (of the pool for {pool}) with the highest score, of the "
         f"{len(ranked)} trials below. A score by which an agent was chosen is higher than what its "
@@ -145,7 +146,7 @@ def _training(trial: Trial) -> str:
     rows = trial.evaluations()
     curve = rows[rows["deterministic"]].groupby("checkpoint")["normalized_score"].mean()
     minutes = trial.timings.get("training_s", 0.0) / 60
-    settings = ", ".join(f"{name}={value:g}" for name, value in config.hyperparameters.items())
+    settings = ", ".join(f"{name}={as_set(value)}" for name, value in config.hyperparameters.items())
     versions = ", ".join(f"{name} {version}" for name, version in sorted(trial.versions.items()))
     return (
         f"{config.steps} steps without noise, {minutes:.1f} minutes on one core:\n\n"
@@ -185,8 +186,16 @@ def options(config: TrialConfig) -> list[str]:
         if plain.hyperparameters.get(name) != value
     }
     if changed:
-        found.append("--set " + " ".join(f"{name}={value}" for name, value in changed.items()))
+        found.append("--set " + " ".join(f"{name}={as_set(value)}" for name, value in changed.items()))
     return found
+
+
+def as_set(value: Value) -> str:
+    """Return the value of a hyperparameter as `--set` takes it, as short as it stays the same number."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    short = f"{value:g}"
+    return short if isinstance(value, float) and float(short) == value else str(value)
 
 
 def _limits(trial: Trial, setting: Setting, greedy: pd.DataFrame) -> str:
