@@ -32,6 +32,7 @@ __all__ = [
     "model_class",
     "own_defaults",
     "rollout_steps",
+    "usual_envs",
     "winners",
 ]
 
@@ -175,6 +176,20 @@ def rollout_steps(algo: str, hyperparameters: Mapping[str, Value]) -> int:
     from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
     return 0 if issubclass(model_class(algo), OffPolicyAlgorithm) else n_steps
+
+
+def usual_envs(row: Entry, steps: int, rollout: int) -> int:
+    """How many environments learn in step where nobody says it: of the row's number, so many as can.
+
+    They share the `steps` of a trial and those of a `rollout` (0 for none) evenly, and each of them takes two
+    steps of a rollout or more. An agent that is not Stable-Baselines3's, without a policy, has one.
+    """
+    if row.policy is None:
+        return 1
+    common = math.gcd(row.n_envs, steps, rollout)
+    if common > 1 and common == rollout:
+        return max(n for n in range(1, common) if common % n == 0)
+    return common
 
 
 def own_defaults(algo: str) -> dict[str, int]:

@@ -31,9 +31,20 @@ def test_row_says_how_many_environments_and_a_budget_that_they_share_evenly():
     assert resolve("double_dqn", "pp-tracked").n_envs == zoo.ZOO["double_dqn"].n_envs == 32
     assert resolve("double_dqn", "pp-tracked", steps=100).n_envs == 4
     assert resolve("dqn", "pp").n_envs == 1
-    short = {"n_steps": 8, "batch_size": 8}
     assert zoo.ZOO["ppo_asymmetric"].n_envs == 16
-    assert resolve("ppo_asymmetric", "pp-tracked", overrides=short).n_envs == 8
+
+
+@pytest.mark.parametrize(("n_steps", "n_envs"), [(64, 16), (24, 8), (16, 8), (12, 4), (8, 4), (6, 2), (2, 1)])
+def test_number_that_a_row_gets_by_itself_can_be_asked_for(n_steps, n_envs):
+    short = {"n_steps": n_steps, "batch_size": 2}
+    usual = resolve("ppo_asymmetric", "pp-tracked", steps=960, overrides=short)
+    assert usual.n_envs == n_envs
+    assert resolve("ppo_asymmetric", "pp-tracked", steps=960, overrides=short, n_envs=n_envs) == usual
+
+
+def test_an_agent_that_is_not_stable_baselines_has_one_environment(monkeypatch):
+    monkeypatch.setitem(zoo.ZOO, "mine", dataclasses.replace(zoo.ZOO["random"], n_envs=4))
+    assert resolve("mine", "pp").n_envs == 1
 
 
 @pytest.mark.parametrize(

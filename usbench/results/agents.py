@@ -1,12 +1,11 @@
 """Which configuration of an algorithm bears the algorithm's name, where a cell has several."""
 
 import json
-import math
 from typing import Any
 
 import pandas as pd
 
-from usbench.agents.zoo import ZOO
+from usbench.agents.zoo import ZOO, usual_envs
 from usbench.records import TrialConfig
 from usbench.results.tables import digest, n_frames, senses
 from usbench.tasks import PAPER, row_of
@@ -98,8 +97,9 @@ def has_senses(trial: pd.Series) -> bool:
 def has_envs(trial: pd.Series) -> bool:
     """Return whether as many environments learn in step as the command takes by itself."""
     settings, row = json.loads(trial["settings"]), ZOO.get(trial["algo"].partition("+")[0])
-    asked, rollout = (1, 1) if row is None else (row.n_envs, int(settings.get("n_steps", 0)))
-    return bool(settings.get("n_envs", 1) == math.gcd(asked, int(trial["steps"]), rollout))
+    rollout = int(settings.get("n_steps", 0))
+    usual = 1 if row is None else usual_envs(row, int(trial["steps"]), rollout)
+    return bool(settings.get("n_envs", 1) == usual)
 
 
 def changed_hyperparameters(trial: pd.Series) -> dict[str, Any]:

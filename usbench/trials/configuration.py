@@ -1,6 +1,5 @@
 """From what a user asks for to the full configuration of a trial, checked."""
 
-import math
 import platform
 from collections.abc import Mapping
 from functools import cache
@@ -52,8 +51,9 @@ def resolve(
 ) -> TrialConfig:
     """Return the full configuration of a trial: every default filled in, every value checked.
 
-    `n_envs` environments learn in step, by default as many as the algorithm's row says. `setting` holds other
-    attributes of a `Setting` than its task: `noise`, `probe` and so on.
+    `n_envs` environments learn in step, by default as many as the algorithm's row says, or fewer where so
+    many cannot share the steps: see `zoo.usual_envs`. `setting` holds other attributes of a `Setting` than
+    its task: `noise`, `probe` and so on.
 
     Raises:
         ConfigurationError: If a name is unknown or a value is not allowed; one sentence says which.
@@ -93,8 +93,8 @@ def _n_envs(asked: int | None, entry: zoo.Entry, steps: int, rollout: int) -> in
 
     Each of them takes two steps of a rollout or more.
     """
-    if asked is None:  # of the row's number, so many that they do
-        return math.gcd(entry.n_envs, steps, rollout)
+    if asked is None:
+        return zoo.usual_envs(entry, steps, rollout)
     n_envs = whole_number("n_envs", asked, 1, MAX_ENVS)
     if n_envs > 1 and entry.policy is None:
         raise ValueError(f"n_envs must be 1 for an agent that is not Stable-Baselines3's, not {n_envs}.")
