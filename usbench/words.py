@@ -18,6 +18,12 @@ def in_words(value: Any) -> str:
 
 
 def in_one_line(error: BaseException, *, with_type: bool = False) -> str:
-    """Return what an error says, its lines joined; `with_type` puts the name of its type in front."""
-    told = " ".join(str(error).split())
-    return f"{type(error).__name__}: {told}" if with_type else told
+    """Return what an error says, its lines joined.
+
+    The name of its type stands in front `with_type`, and of a KeyError, which says the missing key alone. Of
+    an error that says nothing, it stands by itself.
+    """
+    told, kind = " ".join(str(error).split()), type(error).__name__
+    if not told:
+        return kind
+    return f"{kind}: {told}" if with_type or isinstance(error, KeyError) else told

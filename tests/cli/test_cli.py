@@ -147,6 +147,24 @@ def test_failure_while_running_is_one_sentence_and_status_1(capsys, tmp_path, qu
         cli.main([*argv, "--debug"])
 
 
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (AssertionError(), "AssertionError"),
+        (MemoryError(), "MemoryError"),
+        (KeyError("gamma"), "KeyError: 'gamma'"),
+        (ValueError("two\nlines"), "two lines"),
+    ],
+)
+def test_an_error_that_says_too_little_is_told_with_its_kind(capsys, monkeypatch, error, said):
+    def fail(*_):
+        raise error
+
+    monkeypatch.setattr(list_command, "_call", fail)
+    assert cli.main(["list"]) == 1
+    assert capsys.readouterr().err == f"usbench: error: {said}\n"
+
+
 def test_interruption_is_status_130_and_keeps_the_state(capsys, tmp_path, quick, monkeypatch):
     def interrupt(*_):
         os.kill(os.getpid(), signal.SIGTERM)
