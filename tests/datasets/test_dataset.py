@@ -130,6 +130,7 @@ def test_a_trial_plays_as_it_does_elsewhere(place, finished):
         ),
         (["--task", "pq", "--agent", "best"], "did you mean"),
         (["--task", "pp", "--agent", "nobody"], "unknown agent 'nobody': allowed are 'oracle', 'best', "),
+        (["--task", "pp", "--agent", ""], "unknown agent '': allowed are 'oracle', 'best', "),
         (["--task", "pp", "--agent", "best:fp"], "was trained on 'fp'"),
         (["--task", "setup-v0", "--agent", "best"], "no trained agent 'best:setup-v0'"),
         (["--task", "pp", "--agent", "random", "--noise", "2"], "2"),

@@ -102,7 +102,8 @@ def open_agent(name: str, setting: Setting, seed: int) -> tuple[Any, Setting]:
     if name in (ORACLE, RANDOM):
         env = DummyVecEnv([setting.make_env])
         return make_agent(setting, name, env, seed, {}), setting
-    if name != BEST and not released.place(name).exists():
+    # An empty name would be the present folder.
+    if name != BEST and not (name and released.place(name).exists()):
         raise ConfigurationError(
             f"unknown agent {name!r}: allowed are {ORACLE!r}, {BEST!r}, {RANDOM!r}, {MIXED!r}, the folder of "
             "a trial, and the name of an agent that comes with the package."
