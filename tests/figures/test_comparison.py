@@ -5,6 +5,7 @@ import pytest
 from made_tables import made, seeds, trial
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex
+from matplotlib.markers import MarkerStyle
 from matplotlib.text import Text
 from PIL import Image
 
@@ -161,6 +162,21 @@ def test_an_agent_looks_the_same_in_all_figures():
     for name in ("learning_curves", "other_learning_curves", "other_performance_profiles"):
         lines = {line.get_color(): line.get_marker() for line in drawn[name].axes[0].lines}
         assert lines[looks.KNOWN["vpg"]["color"]] in (looks.KNOWN["vpg"]["marker"], "v")
+
+
+def test_variants_of_one_score_are_seen_both():
+    settings = '{"environment": "e", "gamma": 0.95}'
+    other = [row | {"settings": settings, "configuration": "2"} for row in seeds("vpg", [0.5, 0.6])]
+    drawn = comparison.draw(made(*seeds("vpg", [0.5, 0.6, 0.7]), *other))
+    for name in ("learning_curves", "performance_profiles"):
+        curves = [line for line in drawn[name].axes[0].lines if len(line.get_xdata()) > 2]
+        assert len(curves) == 2 and len({line.get_linestyle() for line in curves}) == 2
+        (first, every), (second, again) = (line.get_markevery() for line in curves)
+        assert every == again > 1 and first != second
+    # The marks of the means lie on bars of their colour.
+    means = [line for line in drawn["scores"].axes[0].lines if line.get_markeredgecolor() == "white"]
+    assert len({str(line.get_marker()) for line in means}) == 2
+    assert all(MarkerStyle(line.get_marker()).is_filled() for line in means)
 
 
 def texts(figure):

@@ -23,12 +23,15 @@ SCORE = "normalised score (0 random, 1 optimum)"
 # What learning curves are drawn over, by the column of `scores.learning_curves`.
 OVER = {"step": "training steps", "minutes": "minutes of CPU time in training"}
 N_THRESHOLDS = 141
+# Thresholds from one marker of a profile to the next.
+MARKED = 10
 # Agents that do not learn: lines and anchors beside those that do, rows where there are no others.
 REFERENCES = ("oracle", "random", "stay")
 # Without caps, which would lengthen an interval.
 BAR: dict[str, Any] = {"linewidth": 4, "solid_capstyle": "butt"}
-# With a rim, by which it stands out from the bar of the same colour.
+# With a rim, by which it stands out from the bar or the curve of the same colour.
 MEAN: dict[str, Any] = {"markersize": 6, "markeredgecolor": "white", "markeredgewidth": 0.6}
+POINT: dict[str, Any] = {"markersize": 5, "markeredgecolor": "white", "markeredgewidth": 0.5}
 # Height in inches of panels that are all in one row, so that the label of their axis fits beside them.
 SINGLE_ROW = 3.2
 # Of an agent's name in a line beside a panel: names with settings would take the panel's place.
@@ -91,6 +94,7 @@ def final_scores(known: Results) -> Figure | None:
         return None
     rows = table[~table["agent"].isin(REFERENCES)]
     rows = table if rows.empty else rows
+    drawn = looks.agents(rows["agent"])
     worst_first = _ranked(known, rows)[::-1]
     here = {cell: [name for name in worst_first if name in set(own["agent"])] for cell, own in _by_cell(rows)}
     same = len({tuple(names) for names in here.values()}) == 1
@@ -106,7 +110,7 @@ def final_scores(known: Results) -> Figure | None:
         own = rows[(rows["task"] == cell.task) & (rows["noise"] == cell.noise)]
         for height, agent in enumerate(here[cell]):
             matrix = own.loc[own["agent"] == agent, ["normalized_score"]].to_numpy(np.float64)
-            _score_row(axis, height, matrix, looks.agents([agent])[agent])
+            _score_row(axis, height, matrix, drawn[agent])
         _score_lines(axis.axvline, cell, table)
         axis.set_yticks(range(len(here[cell])), [labels[name] for name in here[cell]])
         axis.set_ylim(-0.5, len(here[cell]) - 0.3)
@@ -134,10 +138,13 @@ def learning_curves(known: Results, table: pd.DataFrame, over: str = "step") -> 
     drawn = looks.agents(table["agent"])
     handles = {}
     for cell, axis in panels.items():
+        turns = looks.turns({name: drawn[name] for name in sorted(set(cells[cell]["agent"]))})
         for name, rows in cells[cell].groupby("agent"):
             agent = str(name)
             look = drawn[agent]
-            (handles[agent],) = axis.plot(rows[over], rows["score"], markersize=3.5, linewidth=1.2, **look)
+            (handles[agent],) = axis.plot(
+                rows[over], rows["score"], linewidth=1.2, markevery=turns[agent], **POINT, **look
+            )
             band = (rows["score_low"], rows["score_high"])
             axis.fill_between(rows[over], *band, color=look["color"], alpha=0.1, linewidth=0)
         score_axis.mark_below(
@@ -173,6 +180,7 @@ def performance_profiles(known: Results) -> Figure | None:
     axis = axes[0, 0]
     thresholds = np.linspace(0.0, max(1.0, *(m.max() for m in matrices.values())), N_THRESHOLDS)
     drawn = looks.agents(matrices)
+    turns = looks.turns(drawn)
     for algo in ranking.overall(matrices)["agent"]:
         profile = stats.stratified_bootstrap(
             lambda stack: stats.performance_profile(stack, thresholds),
@@ -180,7 +188,9 @@ def performance_profiles(known: Results) -> Figure | None:
             generator=np.random.default_rng(stats.BOOTSTRAP_SEED),
         )
         look = drawn[algo]
-        axis.plot(thresholds, profile.estimate, label=algo, markevery=10, markersize=4, **look)
+        place, of = turns[algo]
+        every = (place * MARKED // of, MARKED)
+        axis.plot(thresholds, profile.estimate, label=algo, markevery=every, **POINT, **look)
         axis.fill_between(thresholds, profile.low, profile.high, color=look["color"], alpha=0.1, linewidth=0)
     axis.set_xlim(0, thresholds[-1])
     axis.set_ylim(0, 1.03)
@@ -247,7 +257,7 @@ def _score_row(axis: Any, height: float, matrix: stats.Array, look: Mapping[str,
     axis.plot(seeds, np.full(len(seeds), height + 0.28), "o", color="0.4", fillstyle="none", ms=3, mew=0.8)
     axis.plot([max(interval.low, 0), max(interval.high, 0)], [height, height], color=look["color"], **BAR)
     if interval.estimate >= 0:
-        axis.plot(interval.estimate, height, look["marker"], color=look["color"], **MEAN)
+        axis.plot(interval.estimate, height, marker=look["marker"], color=look["color"], **MEAN)
     lowest = min(float(matrix.min()), float(interval.estimate))
     score_axis.mark_lowest(axis, height, lowest, look["color"])
 

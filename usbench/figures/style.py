@@ -19,7 +19,9 @@ WIDTH = SHOWN_PX / 96
 # Points, 9.3 and 10.7 CSS pixels.
 SMALL, TEXT = 7, 8
 # Inches that a line with its marker takes, and a letter of its label.
-LEGEND_HANDLE, LEGEND_LETTER = 0.6, 0.07
+LEGEND_HANDLE, LEGEND_LETTER = 0.75, 0.07
+# How long the line is, in heights of a letter: long enough to show its dashes beside the marker.
+LEGEND_LINE = 3.4
 
 
 def panels(
@@ -55,7 +57,9 @@ def legend(figure: Figure, handles: Sequence[Any], labels: Sequence[str]) -> Non
     longest = max(map(len, labels), default=0)
     fitting = int(figure.get_figwidth() / (LEGEND_HANDLE + LEGEND_LETTER * longest))
     ncols = max(min(len(labels), fitting, 5), 1)
-    figure.legend(handles, labels, loc="outside lower center", ncols=ncols, fontsize=TEXT)
+    figure.legend(
+        handles, labels, loc="outside lower center", ncols=ncols, fontsize=TEXT, handlelength=LEGEND_LINE
+    )
 
 
 def check_file(path: Path, endings: Sequence[str]) -> Path:
