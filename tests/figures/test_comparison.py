@@ -108,6 +108,37 @@ def test_names_with_settings_are_folded_and_leave_the_panels_their_width():
     assert figure.axes[0].get_position().width > 0.7
 
 
+def test_panels_with_names_of_their_own_have_room_beside_them():
+    # As on unseen phantoms: five cells of unlike agents, one with a setting in its name.
+    settings = '{"environment": "e", "gamma": 0.99, "max_shift_px": 2}'
+    trials = [
+        *seeds("double_dqn", [0.5, 0.6, 0.7]),
+        trial("double_dqn", settings=settings, configuration="2"),
+    ]
+    trials += [trial("double_dqn", task=task) for task in ("pp", "exam", "fp-random", "pp-random")]
+    figure = comparison.final_scores(made(*trials))
+    figure.canvas.draw()
+    labels = [label.get_text() for label in figure.axes[1].get_yticklabels()]
+    assert labels == ["double_dqn\nmax_shift_px=2", "double_dqn"]
+    shown = [axis for axis in figure.axes if axis.axison]
+    assert len(shown) == 5 and all(axis.get_position().width > 0.35 for axis in shown)
+    assert all(axis.get_xlim()[0] == 0 for axis in shown)
+
+
+@pytest.mark.parametrize(
+    "text", ["a b", "vpg gamma=0.95, initial_value=-26.0: distance", "vpg-tuned", "x" * 40, "W"]
+)
+def test_folded_lines_are_as_wide_as_there_is_room_as_measured(text):
+    for inches in (0.4, 1.2, 5.0):
+        lines = style.folded(text, inches, style.TEXT).split("\n")
+        assert "".join(lines).replace(" ", "") == text.replace(" ", "")
+        figure = style.panels(1, 1)[0]
+        renderer = FigureCanvasAgg(figure).get_renderer()
+        drawn = [figure.text(0, 0, line, fontsize=style.TEXT).get_window_extent(renderer) for line in lines]
+        assert max(extent.width for extent in drawn) / figure.dpi <= 1.05 * inches
+    assert len(lines) == 1
+
+
 def test_a_figure_of_earlier_results_does_not_stay(tmp_path):
     comparison.write(made(*GRID), tmp_path)
     assert (tmp_path / "improvement.png").exists() and (tmp_path / "performance_profiles.png").exists()

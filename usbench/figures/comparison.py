@@ -1,6 +1,5 @@
 """The figures of a comparison, from results alone."""
 
-import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ from matplotlib.lines import Line2D
 
 from usbench.ceilings import bound
 from usbench.figures import looks, paper, score_axis, style
-from usbench.figures.cells import cell_panels, is_one_row
+from usbench.figures.cells import WIDEST, cell_panels, is_one_row
 from usbench.results import ranking, scores, stats, tables
 from usbench.results.agents import named
 from usbench.results.protocol import further, unseen
@@ -34,8 +33,10 @@ MEAN: dict[str, Any] = {"markersize": 6, "markeredgecolor": "white", "markeredge
 POINT: dict[str, Any] = {"markersize": 5, "markeredgecolor": "white", "markeredgewidth": 0.5}
 # Height in inches of panels that are all in one row, so that the label of their axis fits beside them.
 SINGLE_ROW = 3.2
-# Of an agent's name in a line beside a panel: names with settings would take the panel's place.
-NAME_LETTERS = 25
+# Inches of an agent's name beside a panel: in one line, names with settings would take the panel's place.
+NAME_INCHES = 1.2
+# Inches of a row of scores beside the lines of its name, and of each line.
+ROW, NAME_LINE = 0.09, 0.1
 # For which a panel of scores has room, so that a single marker fits in.
 LEAST_ROWS = 3
 # The figures of a part of the results, behind the part's prefix.
@@ -98,11 +99,13 @@ def final_scores(known: Results) -> Figure | None:
     worst_first = _ranked(known, rows)[::-1]
     here = {cell: [name for name in worst_first if name in set(own["agent"])] for cell, own in _by_cell(rows)}
     same = len({tuple(names) for names in here.values()}) == 1
-    labels = {name: textwrap.fill(name, NAME_LETTERS) for names in here.values() for name in names}
-    row = 0.19 if not any("\n" in label for label in labels.values()) else 0.29  # inches
+    labels = {name: style.folded(name, NAME_INCHES, style.SMALL) for name in worst_first}
+    row = ROW + NAME_LINE * max(1 + label.count("\n") for label in labels.values())
     figure, panels = cell_panels(
         {cell: 0.4 + row * max(len(names), LEAST_ROWS) for cell, names in here.items()},
         SCORE,
+        # Names beside each panel leave room for two.
+        widest=WIDEST if same else 2,
         sharex=True,
         sharey=same,
     )

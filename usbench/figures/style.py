@@ -1,12 +1,15 @@
 """What all figures share: size, text, legend, and how they are saved: same numbers, same bytes."""
 
 import os
+import textwrap
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import matplotlib
 from matplotlib.figure import Figure
+from matplotlib.textpath import TextPath
 
 from usbench.atomic import atomic_file
 from usbench.records import ConfigurationError
@@ -60,6 +63,20 @@ def legend(figure: Figure, handles: Sequence[Any], labels: Sequence[str]) -> Non
     figure.legend(
         handles, labels, loc="outside lower center", ncols=ncols, fontsize=TEXT, handlelength=LEGEND_LINE
     )
+
+
+def folded(text: str, inches: float, size: float) -> str:
+    """Return a text in lines that are no wider than `inches` in letters of `size` points, as measured."""
+    lines = [text]
+    for letters in range(len(text), 0, -1):
+        lines = textwrap.wrap(text, letters, break_on_hyphens=False)
+        if max(map(partial(_inches, size=size), lines), default=0.0) <= inches:
+            break
+    return "\n".join(lines)
+
+
+def _inches(text: str, size: float) -> float:
+    return float(TextPath((0, 0), text, size=size).get_extents().width) / 72
 
 
 def check_file(path: Path, endings: Sequence[str]) -> Path:
