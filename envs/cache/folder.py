@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import contextlib
 import os
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Generic, TypeVar
 
 import platformdirs
 
 from usbench.atomic import LEFT_BEHIND_S, remove_leftovers
+
+_Contents = TypeVar("_Contents")
 
 
 def cache_folder() -> Path:
@@ -22,6 +26,16 @@ def mark_used(path: Path) -> None:
     """Let the file at `path` be dropped last."""
     with contextlib.suppress(OSError):  # a folder that can only be read serves as well
         os.utime(path)
+
+
+@dataclass(frozen=True)
+class Entry(Generic[_Contents]):
+    """A file of the folder; `contents` is None if it is damaged, `used` the time of its last use (s)."""
+
+    path: Path
+    size: int
+    used: float
+    contents: _Contents | None
 
 
 @dataclass(frozen=True)
@@ -43,6 +57,16 @@ class Kind:
                 status = path.stat()
                 found.append((status.st_mtime, status.st_size, path))
         return sorted(found, reverse=True)
+
+    def entries(self, read: Callable[[Path], _Contents]) -> list[Entry[_Contents]]:
+        """Return all in the folder with what `read` finds in them, the one used last first."""
+        found = []
+        for used, size, path in self.files(cache_folder()):
+            contents = None
+            with contextlib.suppress(Exception):  # a damaged file raises nearly anything
+                contents = read(path)
+            found.append(Entry(path, size, used, contents))
+        return found
 
     def clear(self) -> tuple[int, int]:
         """Remove all; return how many there were, and their bytes."""

@@ -5,7 +5,6 @@ What a file holds is told by its name, a hash that `frames.py` makes; how frames
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from usbench.atomic import atomic_file
-from usbench.envs.cache.folder import Kind, cache_folder
+from usbench.envs.cache.folder import Entry, Kind
 
 MAX_BYTES = 250_000_000
 FRAMES = Kind("frames", ".npz")
@@ -36,16 +35,6 @@ class Contents:
     simulator: str
     poses: npt.NDArray[np.int32]
     frames: npt.NDArray[np.uint8]
-
-
-@dataclass(frozen=True)
-class Entry:
-    """A file of the folder; `contents` is None if it is damaged, `used` the time of its last use (s)."""
-
-    path: Path
-    size: int
-    used: float
-    contents: Contents | None
 
 
 def read(path: Path) -> Contents:
@@ -70,15 +59,9 @@ def write(path: Path, contents: Contents) -> None:
     FRAMES.prune(path, MAX_BYTES)
 
 
-def entries() -> list[Entry]:
+def entries() -> list[Entry[Contents]]:
     """Return the files of frames, the one used last first."""
-    found = []
-    for used, size, path in FRAMES.files(cache_folder()):
-        contents = None
-        with contextlib.suppress(Exception):  # a damaged archive raises nearly anything
-            contents = read(path)
-        found.append(Entry(path, size, used, contents))
-    return found
+    return FRAMES.entries(read)
 
 
 def _checksum(name: str, contents: Contents) -> str:

@@ -6,7 +6,6 @@ alone opens it, without unpickling anything, and processes that use the same tab
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import warnings
 from collections.abc import Callable
@@ -18,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from usbench.atomic import atomic_file
-from usbench.envs.cache.folder import Kind, cache_folder, mark_used
+from usbench.envs.cache.folder import Entry, Kind, mark_used
 from usbench.envs.cache.sources import code_hash, hash_of, is_own
 
 MAX_BYTES = 1_000_000_000
@@ -50,16 +49,6 @@ class Contents:
     scene: str
     code: str
     arrays: dict[str, npt.NDArray[Any]]
-
-
-@dataclass(frozen=True)
-class Entry:
-    """A file of the folder; `contents` is None if it is damaged, `used` the time of its last use (s)."""
-
-    path: Path
-    size: int
-    used: float
-    contents: Contents | None
 
 
 def on_disk(array: object, table: Callable[..., _Table], scene: str, make: Callable[[], _Table]) -> _Table:
@@ -131,15 +120,9 @@ def write(path: Path, contents: Contents) -> None:
     TABLES.prune(path, MAX_BYTES)
 
 
-def entries() -> list[Entry]:
+def entries() -> list[Entry[Contents]]:
     """Return the files of tables, the one used last first."""
-    found = []
-    for used, size, path in TABLES.files(cache_folder()):
-        contents = None
-        with contextlib.suppress(Exception):  # a damaged file raises nearly anything
-            contents = read(path)
-        found.append(Entry(path, size, used, contents))
-    return found
+    return TABLES.entries(read)
 
 
 def _keep(path: Path, contents: Contents) -> None:
