@@ -98,7 +98,9 @@ IMAGING_SETUP = Task(
     rewards=("normalized",),
     reward_from_frames=True,
 )
-IMAGING_SETUP_V0 = replace(IMAGING_SETUP, name="setup-v0", title="Imaging setup without noise")
+IMAGING_SETUP_V0 = replace(
+    IMAGING_SETUP, name="setup-v0", title="Imaging setup, first version (no receiver noise, no gain)"
+)
 
 
 class ImagingSetupEnv(GuidanceEnv):
