@@ -72,7 +72,7 @@ def largest(task: str) -> str:
     if exact is not None:
         return f"score {exact:.3f}"
     if most is not None:
-        return f"score at most {most:.3f}, that of who is told the whole pose"
+        return f"score at most {most:.3f}, the ceiling of an agent that is told the whole pose"
     return "not computed: the phantom is always the same, so that its frames tell poses apart"
 
 
