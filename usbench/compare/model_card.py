@@ -13,7 +13,6 @@ import pandas as pd
 from scipy import stats
 
 from usbench import records, seed_pools
-from usbench.agents.hyperparameters import Value
 from usbench.agents.zoo import entry
 from usbench.records import Trial, TrialConfig
 from usbench.results import held_out, published, tables
@@ -190,7 +189,7 @@ def options(config: TrialConfig) -> list[str]:
     return found
 
 
-def as_set(value: Value) -> str:
+def as_set(value: bool | float | str) -> str:
     """Return the value of a hyperparameter as `--set` takes it, as short as it stays the same number."""
     if isinstance(value, bool):
         return str(value).lower()
