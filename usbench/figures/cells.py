@@ -48,7 +48,7 @@ def cell_panels(
     for cell, axis in found.items():
         axis.set_title(cell.name, fontsize=style.TEXT)
     for axis in axes.flat[len(cells) :]:
-        axis.set_axis_off()
+        axis.remove()
     for axis in axes.flat[max(len(cells) - columns, 0) : len(cells)]:
         axis.tick_params(labelbottom=True)
         axis.set_xlabel(label if columns < WIDEST else label.partition(" (")[0])
