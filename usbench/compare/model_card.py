@@ -189,7 +189,7 @@ def options(config: TrialConfig) -> list[str]:
     return found
 
 
-def as_set(value: bool | float | str) -> str:
+def as_set(value: bool | float) -> str:
     """Return the value of a hyperparameter as `--set` takes it, as short as it stays the same number."""
     if isinstance(value, bool):
         return str(value).lower()
