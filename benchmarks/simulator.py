@@ -16,6 +16,7 @@ from itertools import chain
 from rich.console import Console
 from rich.table import Table
 from simulation import accuracy, many_points, rivals, speed
+from simulation.measuring import reached
 
 
 def main() -> None:
@@ -36,7 +37,7 @@ def main() -> None:
         for row in chain(*(part() for part in many_points.PARTS)):
             print(*row, sep="\t", flush=True)
         return
-    table = Table("what", "measured", "asked", title="The simulator")
+    table = Table("what", "measured", "asked", "reached", title="The simulator")
     parts = [
         *(accuracy.accuracy(), rivals.engines(), speed.speed(args.repeats)),
         *(speed.environments(args.repeats), speed.scaling(), many_points.apart(), speed.from_nothing()),
@@ -48,7 +49,8 @@ def main() -> None:
     if has_zea:
         parts.append(rivals.ratio_to_zea())
     for part in parts:
-        for row in part:
+        for what, measured, asked in part:
+            row = (what, measured, asked, reached(measured, asked))
             table.add_row(*row)
             print(*row, sep="\t", file=sys.stderr, flush=True)  # the whole takes half an hour
         table.add_section()

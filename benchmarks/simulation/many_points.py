@@ -71,7 +71,7 @@ def dense_to_the_edge() -> Iterator[Row]:
     points = rng.uniform([-19e-3, -2.5e-3, 1e-3], [19e-3, 2.5e-3, 45e-3], (n, 3))
     once = seconds(lambda: simulate_iq(points, np.ones(n), EDGE_ARRAY, 30e-3))
     yield f"{n} points, 128 lines at 7 MHz, half of them beyond the last full aperture", f"{once:.1f} s", ""
-    yield "peak memory of that process", f"{peak_memory_mb():.0f} MB", ""
+    yield "peak memory of the same process after these points", f"{peak_memory_mb():.0f} MB", ""
 
 
 def throughput() -> Iterator[Row]:
@@ -87,7 +87,8 @@ def throughput() -> Iterator[Row]:
             what = f"scatterers x lines per second, {n} scatterers, {threads} thread{'s' * (threads > 1)}"
             yield what, f"{rate / 1e6:.1f} million", ""
         del os.environ["USBENCH_THREADS"]
-    yield "peak memory of that process", f"{peak_memory_mb():.0f} MB", "at most 2000 MB"
+    what = f"peak memory of the process of these sums, after {n} scatterers"
+    yield what, f"{peak_memory_mb():.0f} MB", "at most 2000 MB"
 
 
 def apart() -> Iterator[Row]:

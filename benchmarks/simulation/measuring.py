@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import resource
 import statistics
 import tempfile
@@ -22,6 +23,14 @@ ALL_LINES = ROOT.parent / "shared" / "reference" / "rf_reference.npz"
 REFERENCE = ALL_LINES if ALL_LINES.exists() else EXTRACT
 Row = tuple[str, str, str]  # what, measured, asked
 Floats = npt.NDArray[np.float64]
+
+
+def reached(measured: str, asked: str) -> str:
+    """Return whether a number is what is asked for, "at least" or "at most" a bound; nothing without one."""
+    if not measured or not asked:
+        return ""
+    number, bound = (float(re.search(r"[\d.]+", text)[0]) for text in (measured, asked))  # type: ignore[index]
+    return "yes" if (number >= bound if asked.startswith("at least ") else number <= bound) else "no"
 
 
 def correlation(a: Floats, b: Floats) -> float:

@@ -31,7 +31,7 @@ def engines() -> Iterator[Row]:
     with tempfile.TemporaryDirectory() as folder:
         old = Path(folder) / "old"
         if not unpacked(OLD_ENGINE, Path(folder) / "source", old):
-            yield f"the engine of commit {OLD_ENGINE}: not in this copy's history", "", ""
+            yield f"the engine before (commit {OLD_ENGINE}): not in this copy's history", "", ""
             return
         times: dict[tuple[str, int], list[tuple[float, float]]] = {}
         for turn in range(ROUNDS):
@@ -59,9 +59,10 @@ def engines() -> Iterator[Row]:
         (old_first, old_rest), (first, rest) = (
             np.median(times[name, depth], axis=0) for name in ("old", "new")
         )
-        what = f"focus {depth} mm, engine of {OLD_ENGINE} over the present one"
-        yield f"{what}: time of a frame", f"{old_rest / rest:.2f}", "2" if depth == 50 else "4"
-        yield f"{what}: time of a first frame", f"{old_first / first:.2f}", "2"
+        by = f"the engine before (commit {OLD_ENGINE}) over the present one, focus {depth} mm"
+        asked = f"at least {2 if depth == 50 else 4}"
+        yield f"time of a frame, {by}", f"{old_rest / rest:.2f}", asked
+        yield f"time of a first frame, {by}", f"{old_first / first:.2f}", "at least 2"
 
 
 def unpacked(commit: str, source: Path, target: Path) -> bool:
@@ -95,9 +96,10 @@ def ratio() -> Iterator[Row]:
     )
     what = f"{len(positions)} scatterers, {len(lines)} lines, focus 50 mm"
     yield f"{what}: esdiva, fst", f"{theirs:.1f} s", ""
-    yield "the same, RF: esdiva's time over ours", f"{theirs / ours:.0f}", "1000"
+    yield "the same, RF: esdiva's time over ours", f"{theirs / ours:.0f}", "at least 1000"
     yield "the same, I/Q, all that an image needs: esdiva's time over ours", f"{theirs / baseband:.0f}", ""
-    yield "correlation of both signals", f"{correlation(rf.astype(np.float64), expected):.5f}", "0.998"
+    alike = correlation(rf.astype(np.float64), expected)
+    yield "correlation of both signals", f"{alike:.5f}", "at least 0.998"
 
 
 def ratio_to_zea() -> Iterator[Row]:

@@ -49,8 +49,8 @@ def speed(n: int) -> Iterator[Row]:
             timed[depth] += [seconds(frame) for _ in range(n)]
     rates = {depth: 1 / statistics.median(times) for depth, times in timed.items()}
     slowest = min(rates, key=lambda depth: rates[depth])
-    yield "frames per second, pose to pixels, focus 50 mm", f"{rates[50]:.0f}", "150"
-    yield f"frames per second, slowest focal depth ({slowest} mm)", f"{rates[slowest]:.0f}", "75"
+    yield "frames per second, pose to pixels, focus 50 mm", f"{rates[50]:.0f}", "at least 150"
+    yield f"frames per second, slowest focal depth ({slowest} mm)", f"{rates[slowest]:.0f}", "at least 75"
     scenes = [(Phantom(seed), Pose(x, 50, 15 * seed)) for seed in range(8) for x in range(-15, 20, 5)]
     scan_batch(scenes)  # draws the phantoms
     per_frame = median_seconds(lambda: scan_batch(scenes), 5) / len(scenes)
@@ -72,7 +72,8 @@ def environments(n: int) -> Iterator[Row]:
             for _ in range(env.task.n_steps):
                 env.step(int(generator.integers(len(env.task.actions))))
         rate = n * env.task.n_steps / (time.perf_counter() - start)
-        yield f"steps per second, {env.task.name}, a new phantom in each of {n} episodes", f"{rate:.0f}", "60"
+        what = f"steps per second, {env.task.name}, a new phantom in each of {n} episodes"
+        yield what, f"{rate:.0f}", "at least 60"
 
 
 def scaling() -> Iterator[Row]:
@@ -110,4 +111,4 @@ def from_nothing() -> Iterator[Row]:
     probe_plane, both, peak = map(float, output.split())
     yield "all 216 PP frames from nothing", f"{probe_plane:.1f} s", "at most 90 s"
     yield "all 162 FP and 216 PP frames from nothing", f"{both:.1f} s", "at most 40 s"
-    yield "peak memory of that process", f"{peak:.0f} MB", "at most 700 MB"
+    yield "peak memory of the process that made all these frames", f"{peak:.0f} MB", "at most 700 MB"
