@@ -153,6 +153,18 @@ def test_the_page_of_failures_says_the_numbers_of_the_second_network():
         assert cells.split(" | ") == expected
 
 
+def test_the_page_of_failures_says_how_often_agents_miss_the_object():
+    page = (ROOT / "docs" / "failures.md").read_text().split("**Missing the object**")[1].split("\n## ")[0]
+    said = [row.split(" | ")[1:] for row in re.findall(r"^  \| (.+ %) \|$", page, re.MULTILINE)]
+    ends = pd.read_csv(ROOT / "docs" / "ends.csv").query("task == 'pp'")
+    beside = (100 * ends.pivot(index="algo", columns="noise", values="beside")).round().astype(int)
+    others = beside.drop(["vpg", "vpg-tuned", "oracle", "random", "stay"])
+    assert len(others) == 6
+    alone = [[f"{share} %" for share in beside.loc[name]] for name in ("vpg", "vpg-tuned", "oracle")]
+    ranges = [f"{low} to {high} %" for low, high in zip(others.min(), others.max(), strict=True)]
+    assert said == [*alone[:2], ranges, alone[2]]
+
+
 def test_the_blocks_of_the_readme_run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     for block in blocks(ROOT / "README.md", "python"):
