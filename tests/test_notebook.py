@@ -29,6 +29,16 @@ def test_code_runs_from_the_committed_records(quick, monkeypatch, tmp_path):
         assert len(shown) == len(names["tasks"])
         for axis in shown:
             assert axis.get_xlabel() and axis.get_ylabel() and axis.lines
+            # One legend for all panels, below them: inside, it would cover curves.
+            assert axis.get_legend() is None
+        figure = names["figure"]
+        figure.draw_without_rendering()
+        (legend,) = figure.legends
+        assert [text.get_text() for text in legend.get_texts()] == list(names["lines"])
+        assert set(names["lines"]) == set(names["greedy"]["algo"])
+        top = legend.get_window_extent().y1
+        assert all(axis.get_tightbbox().y0 >= top for axis in shown)
+        assert legend.get_window_extent().width <= figure.bbox.width
         names["plt"].close("all")
     assert not names["scores"].empty and names["scores"]["normalized_score"].between(-1, 1.2).all()
     known = tables.read(Path(__file__).parents[1] / "leaderboard_files")
