@@ -28,10 +28,11 @@ def draw(rows: dict[str, Anatomy], poses: list[Pose]) -> Figure:
         for axis, pose in zip(panels, poses, strict=True):
             axis.imshow(store.frame(pose), cmap="gray", vmin=0, vmax=255, extent=EXTENT)
             axis.grid(False)
-            axis.set_title(f"x {pose.x_mm} mm, {pose.angle_deg}°", fontsize=8)
+            axis.set_title(f"{name}\nx {pose.x_mm} mm, {pose.angle_deg}°", fontsize=8)
+            axis.set_xlabel("lateral (mm)", fontsize=8)
             axis.tick_params(labelsize=7)
             if axis is panels[0]:
-                axis.set_ylabel(f"{name}: depth (mm)", fontsize=8)
+                axis.set_ylabel("depth (mm)", fontsize=8)
             else:
                 axis.set_yticklabels([])
     return figure

@@ -134,11 +134,11 @@ def reach(focal_depth_mm: int = 50) -> Table:
     return table
 
 
-# Of the two measures that are drawn.
-LOOKS = (
-    {"color": "#0072b2", "linestyle": "-", "marker": "o"},
-    {"color": "#d55e00", "linestyle": "--", "marker": "s"},
-)
+# Of the first two measures, which are drawn: label and look.
+DRAWN = {
+    "contrast-to-noise ratio": {"color": "#0072b2", "linestyle": "-", "marker": "o"},
+    "generalized contrast-to-noise ratio": {"color": "#d55e00", "linestyle": "--", "marker": "s"},
+}
 
 
 def figure(store: FrameStore, quality: Quality, best: Setup) -> Figure:
@@ -149,12 +149,17 @@ def figure(store: FrameStore, quality: Quality, best: Setup) -> Figure:
         poses = along(best, setting)
         for axis, pose in zip(row, (poses[0], best, poses[-1]), strict=False):
             axis.imshow(store.frame(pose), cmap="gray", vmin=0, vmax=255, extent=(-20, 20, 90, 0))
-            axis.set_title(f"{getattr(pose, setting) / scale:g} {unit}: {quality[pose][0]:.2f}", fontsize=10)
-        row[0].set_ylabel(f"{name}\ndepth (mm)")
+            axis.set_title(
+                f"{name} {getattr(pose, setting) / scale:g} {unit}\n"
+                f"contrast-to-noise ratio {quality[pose][0]:.2f}",
+                fontsize=9,
+            )
+            axis.set_xlabel("lateral (mm)")
+        row[0].set_ylabel("depth (mm)")
         values = [getattr(pose, setting) / scale for pose in poses]
-        for kind, label in enumerate(list(MEASURES)[:2]):
-            row[3].plot(values, [quality[pose][kind] for pose in poses], label=label, **LOOKS[kind])
-        row[3].set(xlabel=f"{name} ({unit})", ylim=(0, 2.75))
+        for kind, (label, look) in enumerate(DRAWN.items()):
+            row[3].plot(values, [quality[pose][kind] for pose in poses], label=label, **look)
+        row[3].set(xlabel=f"{name} ({unit})", ylabel="quality of the frame", ylim=(0, 2.75))
         row[3].grid(alpha=0.3)
     axes[0, 3].legend(fontsize=9, loc="lower center")
     return drawn
