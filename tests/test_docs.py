@@ -107,6 +107,14 @@ def test_code_blocks_are_not_wider_than_what_is_shown(page):
     assert wide == []
 
 
+@pytest.mark.parametrize("page", [*PAGES, *CARDS], ids=lambda page: str(page.relative_to(ROOT)))
+def test_commands_that_train_name_algorithm_and_task(page):
+    shown = re.findall(r"^ *```bash\n(.*?)^ *```", page.read_text(), re.DOTALL | re.MULTILINE)
+    commands = "\n".join(shown).replace("\\\n", " ").split("\n")
+    trained = [line for line in commands if re.match(r"\s*usbench run ", line)]
+    assert [line for line in trained if "--algo " not in line or "--task " not in line] == []
+
+
 def test_the_first_hour_begins_on_the_first_60_lines_of_the_readme():
     top = "\n".join((ROOT / "README.md").read_text().split("\n")[:60])
     for part in ("docs/agent.webp", "pip install", "gym.make", "docs/environments/pp.png", "usbench guide"):
