@@ -74,7 +74,7 @@ docs: $(VENV)/.docs  ## build the site into build/docs, the notebook run anew; a
 	rm -rf docs/api
 	$(BIN)/sphinx-build --quiet --fresh-env --fail-on-warning --keep-going -d build/doctrees docs build/docs
 
-check-site: docs  ## build the site, check its links, and five of its pages in Chromium, light and dark (axe-core)
+check-site: docs  ## build the site, check its links, and seven of its pages in Chromium, light and dark (axe-core)
 	$(BIN)/python -m pytest -m "site and not links" tests/site
 
 check-links: docs  ## build the site, check its links, and ask other sites for every page that ours name

@@ -38,6 +38,7 @@ version = release = installed("usbench")
 extensions = [
     "accessible",
     "mathml",
+    "readable",
     "myst_nb",
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",

@@ -14,6 +14,12 @@ CHANGES = (
     # Whatever scrolls can be reached with the keyboard.
     (r'<div class="(table-wrapper[^"]*)">', r'<div class="\1" role="group" tabindex="0" aria-label="table">'),
     (r"<pre>", '<pre tabindex="0">'),
+    (
+        r'<div class="(cell_output[^"]*)">',
+        r'<div class="\1" role="group" tabindex="0" aria-label="output">',
+    ),
+    # Of the tables that pandas writes.
+    (r"<th></th>", "<td></td>"),
 )
 
 

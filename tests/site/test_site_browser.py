@@ -1,4 +1,4 @@
-"""The built site in a real Chromium: axe-core finds nothing on five pages (`make check-site`)."""
+"""The built site in a real Chromium: axe-core finds nothing on seven pages (`make check-site`)."""
 
 import os
 import shutil
@@ -9,7 +9,7 @@ from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import sync_playwright
 
 BUILT = Path(__file__).parents[2] / "build" / "docs"
-PAGES = ("index", "tutorial", "environments/pp", "results", "api")
+PAGES = ("index", "tutorial", "environments/pp", "results", "api", "physics", "records")
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 pytestmark = pytest.mark.site
 
@@ -64,3 +64,54 @@ def test_outputs_have_no_button(page):
     # What a command prints has no button.
     assert page.locator("div.highlight-text button.copybtn").count() == 0
     assert page.locator("div.highlight-bash button.copybtn").count() > 2
+
+
+@pytest.fixture
+def telephone(browser):
+    page = browser.new_page(viewport={"width": 390, "height": 844})
+    yield page
+    page.close()
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_a_telephone_shows_the_whole_width_and_short_code_in_one_line(telephone, name):
+    telephone.goto((BUILT / f"{name}.html").as_uri())
+    assert telephone.evaluate("document.documentElement.scrollWidth") <= 390
+    broken = "[...document.querySelectorAll('.whole')].filter(one => one.getClientRects().length > 1)"
+    assert telephone.evaluate(f"{broken}.map(one => one.textContent)") == []
+    assert telephone.locator(".whole").count() > 3
+
+
+def test_a_telephone_breaks_names_between_their_parts(telephone):
+    telephone.goto((BUILT / "api.html").as_uri())
+    parts, broken = telephone.evaluate(
+        """() => {
+            const parts = [], broken = []
+            for (const code of document.querySelectorAll("table code")) {
+                const texts = document.createTreeWalker(code, NodeFilter.SHOW_TEXT)
+                while (texts.nextNode()) {
+                    const range = document.createRange()
+                    range.selectNode(texts.currentNode)
+                    parts.push(range.toString())
+                    if (range.getClientRects().length > 1) broken.push(range.toString())
+                }
+            }
+            return [parts, broken]
+        }"""
+    )
+    assert {"observation.", "senses"} <= set(parts) and broken == []
+
+
+@pytest.mark.parametrize("width", [390, 1280])
+def test_no_formula_is_cut_off_above_or_below(browser, width):
+    page = browser.new_page(viewport={"width": width, "height": 844})
+    page.goto((BUILT / "physics.html").as_uri())
+    room = page.evaluate(
+        """[...document.querySelectorAll(".formula")].map(box => {
+            const own = box.getBoundingClientRect()
+            const parts = [...box.querySelectorAll("*")].map(part => part.getBoundingClientRect())
+            return Math.min(...parts.map(part => Math.min(part.top - own.top, own.bottom - part.bottom)))
+        })"""
+    )
+    page.close()
+    assert len(room) == 11 and min(room) >= 0
