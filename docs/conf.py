@@ -4,6 +4,7 @@ import os
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from importlib.metadata import version as installed
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -121,6 +122,30 @@ def link_pages(app: Sphinx, page: str, source: list[str]) -> None:
     source[0] = re.sub(r"(?<!!)\[([^\]]+)\]\(([^)\s#:]+)(#[^)\s]+)?\)", led, source[0])
 
 
+def link_names(app: Sphinx, doctree: nodes.document, page: str) -> None:
+    """Lead names of pages in plain text, as the leaderboard has them, to these pages, by their titles."""
+    for text in list(doctree.findall(nodes.Text)):
+        parts = re.split(r"\bdocs/([\w/]+)\.md\b", text.astext())
+        kinds = (nodes.reference, nodes.literal, nodes.literal_block)
+        if len(parts) == 1 or any(isinstance(node, kinds) for node in _around(text)):
+            continue
+        found: list[nodes.Node] = []
+        for plain, name in zip(parts[::2], [*parts[1::2], ""], strict=True):
+            found.append(nodes.Text(plain))
+            if name:
+                title = re.sub("^The ", "the ", app.env.titles[name].astext())
+                uri = app.builder.get_relative_uri(page, name)
+                found.append(nodes.reference("", title, refuri=uri, internal=True))
+        text.parent.replace(text, found)
+
+
+def _around(node: nodes.Node) -> Iterator[nodes.Node]:
+    """Yield what a node stands in, from the inside to the outside."""
+    while node.parent is not None:
+        node = node.parent
+        yield node
+
+
 def _place(page: Path) -> str:
     """Return how links name the title of a page, as `myst_heading_anchors` makes it."""
     title = page.read_text(encoding="utf-8").partition("\n")[0].removeprefix("# ")
@@ -143,5 +168,6 @@ def setup(app: Sphinx) -> None:
     """Connect what is above."""
     app.connect("autodoc-process-docstring", plain_words)
     app.connect("source-read", link_pages)
+    app.connect("doctree-resolved", link_names)
     # Before Sphinx copies the files that links lead to.
     app.connect("doctree-read", link_modules, priority=400)

@@ -27,21 +27,28 @@ pytestmark = pytest.mark.site
 
 
 class Page(HTMLParser):
-    """The places of a page that links may name, the links that it has, and the words of its pictures."""
+    """The places of a page that links may name, its links, and its pictures' words."""
 
     def __init__(self, path):
         super().__init__()
-        self.places, self.links, self.pictures = set(), [], []
+        self.places, self.links, self.pictures, self.leads_nowhere, self.link = set(), [], [], [], None
         self.feed(path.read_text(encoding="utf-8"))
 
     def handle_starttag(self, tag, attributes):
+        if tag == "a":
+            self.link = dict(attributes).get("href")
         if tag == "img":
             self.pictures.append(dict(attributes).get("alt") or "")
+            self.leads_nowhere += [] if self.link else [dict(attributes)["src"]]
         for name, value in attributes:
             if name == "id" or (tag == "a" and name == "name"):
                 self.places.add(value)
             elif name in ("href", "src") and value is not None:
                 self.links.append(value)
+
+    def handle_endtag(self, tag):
+        if tag == "a":
+            self.link = None
 
 
 def addresses():
@@ -102,6 +109,28 @@ def test_every_picture_has_words():
     }
     assert len(found) > 50
     assert [one for one in sorted(found) if not one[1].strip() or re.search(r"\.\w{3,4}$", one[1])] == []
+
+
+def test_pages_are_named_by_links():
+    """The leaderboard names a page by its file, which is right in the repository alone."""
+    found = {
+        (path.name, name)
+        for path in BUILT.glob("*.html")
+        for name in re.findall(
+            r"docs/\w+\.md",
+            re.sub(r"<(code|pre)\b.*?</\1>", "", path.read_text(encoding="utf-8"), flags=re.DOTALL),
+        )
+    }
+    assert found == set()
+    assert (BUILT / "results.html").read_text(encoding="utf-8").count(
+        'href="comparison.html">the comparison<'
+    ) >= 3
+
+
+def test_every_picture_leads_somewhere():
+    """On a telephone nobody reads a figure of 350 pixels: its file can be enlarged."""
+    found = {(path.name, src) for path in BUILT.rglob("*.html") for src in Page(path).leads_nowhere}
+    assert {one for one in found if "_static/" not in one[1]} == set()
 
 
 def test_no_notebook_shows_an_error():
