@@ -99,7 +99,7 @@ IMAGING_SETUP = Task(
     reward_from_frames=True,
 )
 IMAGING_SETUP_V0 = replace(
-    IMAGING_SETUP, name="setup-v0", title="Imaging setup, first version (no receiver noise, no gain)"
+    IMAGING_SETUP, name="setup-v0", title="Imaging setup without receiver noise or gain"
 )
 
 
