@@ -5,7 +5,7 @@ from types import MappingProxyType
 from typing import Any
 
 from usbench import suite
-from usbench.agents.zoo import REFERENCE
+from usbench.agents.zoo import ZOO
 from usbench.ceilings import ACTIONS
 from usbench.checks import as_configuration_error, whole_number
 from usbench.compare.own_task import is_on_its_task
@@ -15,7 +15,7 @@ from usbench.results.protocol import unseen
 from usbench.trials.configuration import resolve
 
 # In every comparison, whatever else is asked for. They do not learn, so that one trial of each is enough.
-REFERENCE_POLICIES = tuple(REFERENCE)
+REFERENCE_POLICIES = tuple(name for name, row in ZOO.items() if not row.learns)
 
 
 def by_protocol(
