@@ -12,7 +12,7 @@ from typing import Any
 
 from gymnasium import spaces
 
-from usbench.agents import plugins
+from usbench.agents import adapting, plugins
 from usbench.agents.hyperparameters import RANGES, Value, check, parse
 from usbench.agents.rows.compared import COMPARED
 from usbench.agents.rows.entry import REPLAY, RUNNING, SEPARATE, TRUNK, Entry
@@ -35,13 +35,6 @@ __all__ = [
     "usual_envs",
     "winners",
 ]
-
-# The names of Stable-Baselines3's policies for observations that are dictionaries.
-MULTI_INPUT = {
-    "CnnPolicy": "MultiInputPolicy",
-    "MlpPolicy": "MultiInputPolicy",
-    "MlpLstmPolicy": "MultiInputLstmPolicy",
-}
 
 # What can stand in place of the paper's trunk: see `entry`.
 NETWORKS = {"residual": "usbench.agents.residual_trunk:ResidualTrunk"}
@@ -103,7 +96,7 @@ def _with_network(algo: str, network: str) -> Entry:
     if network not in NETWORKS:
         raise unknown("network", network, NETWORKS)
     # Where the policy is that for dictionaries, the row has a trunk for its own observations.
-    if row.policy is None or row.policy in MULTI_INPUT.values():
+    if row.policy is None or row.policy in adapting.MULTI_INPUT.values():
         raise ValueError(f"{algo} has no network that {network!r} could replace.")
     kept = {name: value for name, value in row.policy_kwargs.items() if name != "features_extractor_kwargs"}
     return replace(row, policy_kwargs=kept | {"features_extractor_class": NETWORKS[network], "net_arch": []})
@@ -227,69 +220,16 @@ def make(algo: str, env: Any, seed: int, hyperparameters: Mapping[str, Value], *
     """
     row = entry(algo)
     if isinstance(env.observation_space, spaces.Dict):
-        row = _with_senses(row)
+        row = adapting.with_senses(row)
     policy = _resolved(kwargs.pop("policy", row.policy))
     fixed = {**({"policy_kwargs": row.policy_kwargs} if row.policy_kwargs else {}), **row.kwargs}
     kwargs = {**{name: _resolved(value) for name, value in fixed.items()}, **kwargs}
-    shared = _shared(algo, hyperparameters, getattr(env, "num_envs", 1))
+    rollout = rollout_steps(algo, hyperparameters)
+    shared = adapting.shared_out(hyperparameters, rollout, getattr(env, "num_envs", 1))
     with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", ".n_steps=.* is ignored", UserWarning)  # see `_with_n_steps`
+        warnings.filterwarnings("ignore", ".n_steps=.* is ignored", UserWarning)  # see `with_n_steps`
         model = model_class(algo)(policy, env, seed=check_seed(seed), **shared, **kwargs)
-    return _with_n_steps(model)
-
-
-def _with_n_steps(model: Any) -> Any:
-    """The model with a buffer for its n-step returns, which SB3 drops where it is given a replay buffer."""
-    if getattr(model, "n_steps", 1) == 1 or not hasattr(model, "replay_buffer_class"):
-        return model
-    from usbench.agents.frame_buffer import FrameReplayBuffer
-    from usbench.agents.value_based.n_step_buffer import NStepFrameBuffer
-
-    if model.replay_buffer_class is FrameReplayBuffer:
-        model.replay_buffer_class = NStepFrameBuffer
-        model.replay_buffer = NStepFrameBuffer(
-            model.buffer_size,
-            model.observation_space,
-            model.action_space,
-            model.device,
-            model.n_envs,
-            n_steps=model.n_steps,
-            gamma=model.gamma,
-            **model.replay_buffer_kwargs,
-        )
-    return model
-
-
-def _with_senses(row: Entry) -> Entry:
-    """The row for observations that are dictionaries of an image and senses: its trunk, and senses beside."""
-    if row.policy not in MULTI_INPUT:
-        return row
-    own = dict(row.policy_kwargs)
-    trunk = own.get("features_extractor_class", TRUNK["features_extractor_class"])
-    own["features_extractor_class"] = "usbench.agents.sensing_trunk:SensingTrunk"
-    own["features_extractor_kwargs"] = {**own.get("features_extractor_kwargs", {}), "trunk": trunk}
-    if row.policy == "CnnPolicy":  # it has no hidden layers by itself; SB3's policy for dictionaries has two
-        own.setdefault("net_arch", [])
-    kwargs = {**row.kwargs, **row.kwargs_with_senses}
-    return replace(row, policy=MULTI_INPUT[row.policy], policy_kwargs=own, kwargs=kwargs)
-
-
-def _shared(algo: str, hyperparameters: Mapping[str, Value], n_envs: int) -> dict[str, Value]:
-    """The hyperparameters that Stable-Baselines3 counts per environment, shared out among `n_envs`.
-
-    Updates per step stay as they are: less often, or more at a time.
-    """
-    shared = dict(hyperparameters)
-    if rollout := rollout_steps(algo, hyperparameters):
-        if rollout % n_envs:
-            raise ValueError(f"n_steps must be a multiple of {n_envs} environments, not {rollout}.")
-        shared["n_steps"] = rollout // n_envs
-    if "gradient_steps" in shared:
-        train_freq = int(shared.get("train_freq", 1))
-        common = math.gcd(train_freq, n_envs)
-        shared["gradient_steps"] = int(shared["gradient_steps"]) * (n_envs // common)
-        shared |= {"train_freq": train_freq // common} if "train_freq" in shared else {}
-    return shared
+    return adapting.with_n_steps(model)
 
 
 def model_class(algo: str) -> Any:

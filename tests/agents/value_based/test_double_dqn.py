@@ -12,7 +12,7 @@ from signs import Signs
 from stable_baselines3.common.buffers import ReplayBufferSamples
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from usbench.agents import zoo
+from usbench.agents import adapting, zoo
 from usbench.agents.value_based.double_dqn import DoubleDQN
 from usbench.agents.value_based.grid_trunk import GridTrunk
 from usbench.agents.value_based.symmetric_policy import SymmetricQNetwork
@@ -99,7 +99,7 @@ def test_symmetric_observations_have_symmetric_values(number):
         ),
         action_space=spaces.Discrete(5),
     )
-    row = zoo._with_senses(zoo.entry("double_dqn"))
+    row = adapting.with_senses(zoo.entry("double_dqn"))
     cls, kwargs = (zoo._resolved(row.policy_kwargs[f"features_extractor_{x}"]) for x in ("class", "kwargs"))
     extractor = cls(env.observation_space, **kwargs)
     torch.manual_seed(0)
