@@ -8,8 +8,8 @@ import pandas as pd
 from rich.table import Table
 
 from usbench.atomic import atomic_file
+from usbench.lock import lock_of
 from usbench.results import scores
-from usbench.trials.lock import lock_of
 
 
 @dataclass(frozen=True)

@@ -22,11 +22,11 @@ from filelock import Timeout
 from usbench import records
 from usbench.atomic import atomic_file
 from usbench.checks import install
+from usbench.lock import lock_of
 from usbench.records import ConfigurationError, TrialConfig
 from usbench.trials import configuration
 from usbench.trials.callback import Silent
 from usbench.trials.finished import find_finished
-from usbench.trials.lock import lock_of
 
 CONNECT_S = 5.0
 MAX_GREETING = 1_000_000

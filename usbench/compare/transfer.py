@@ -1,6 +1,6 @@
 """Agents that were trained on one phantom, tested on unseen phantoms."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pandas as pd
@@ -11,7 +11,6 @@ from usbench.records import ConfigurationError
 from usbench.results import held_out, scores, tables
 from usbench.setting import Setting
 from usbench.trials.evaluation import Evaluator
-from usbench.trials.lock import locked
 from usbench.trials.model_loading import load_agent
 from usbench.waiting import Waiting
 
@@ -77,9 +76,7 @@ def write(
         Why a trial cannot be tested, in a sentence for each that cannot; the others are tested.
     """
     results = tables.read(folder)
-    with locked(folder / held_out.TABLE):
-        known = held_out.read(folder)
-        held_out.write(known[known["trial"].isin(held_out.candidates(results)["trial"])], folder)
+    held_out.keep(folder, held_out.candidates(results)["trial"].tolist())
     score_of = scores.last(results).set_index("trial")["normalized_score"]
     torch.set_num_threads(1)  # as in training: the bits do not depend on the machine
     for task in dict.fromkeys(missing["task"].map(held_out.MANY)):
@@ -95,17 +92,9 @@ def write(
             tell(str(error))
             failures.append(str(error))
         else:
-            _add(row, folder)
+            held_out.add(row, folder)
         waiting.done()
     return failures
-
-
-def _add(row: Mapping[str, object], folder: Path) -> None:
-    """Add a test to those in `folder`, in place of one of the same trial."""
-    with locked(folder / held_out.TABLE):
-        known = held_out.read(folder)
-        others = known[known["trial"] != row["trial"]].to_dict("records")
-        held_out.write(pd.DataFrame([*others, row], columns=list(held_out.COLUMNS)), folder)
 
 
 def _asked(trials: pd.DataFrame, column: str, allowed: Sequence[object] | None) -> pd.DataFrame:

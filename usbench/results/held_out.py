@@ -1,6 +1,6 @@
 """The track of unseen phantoms: agents trained on one phantom and on many, and the gap between them."""
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +9,7 @@ import pandas as pd
 from usbench import records, tasks
 from usbench.anchors import Anchors
 from usbench.atomic import atomic_file
+from usbench.lock import locked
 from usbench.results import scores, stats, text
 from usbench.results.agents import named
 from usbench.results.protocol import further
@@ -48,11 +49,29 @@ def write(tested: pd.DataFrame, folder: Path) -> None:
 
 def forget(folder: Path, trials: Collection[str]) -> list[str]:
     """Remove the tests of some trials from the file in `folder`, and return the names that it had."""
-    tested = read(folder)
-    gone = tested["trial"].isin(trials)
-    if gone.any():
-        write(tested[~gone], folder)
-    return list(tested.loc[gone, "trial"])
+    if not trials:
+        return []
+    with locked(folder / TABLE):
+        tested = read(folder)
+        gone = tested["trial"].isin(trials)
+        if gone.any():
+            write(tested[~gone], folder)
+        return list(tested.loc[gone, "trial"])
+
+
+def keep(folder: Path, trials: Collection[str]) -> None:
+    """Remove the tests of all other trials from the file in `folder`."""
+    with locked(folder / TABLE):
+        tested = read(folder)
+        write(tested[tested["trial"].isin(trials)], folder)
+
+
+def add(row: Mapping[str, object], folder: Path) -> None:
+    """Add a test, `COLUMNS`, to those in `folder`, in place of one of the same trial."""
+    with locked(folder / TABLE):
+        tested = read(folder)
+        others = tested[tested["trial"] != row["trial"]].to_dict("records")
+        write(pd.DataFrame([*others, row], columns=list(COLUMNS)), folder)
 
 
 def candidates(known: Results) -> pd.DataFrame:

@@ -17,6 +17,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 from usbench import records, suite
 from usbench.agents import zoo
 from usbench.atomic import move_whole, scratch_folder
+from usbench.lock import locked
 from usbench.records import Trial, TrialConfig, TrialError, checksums
 from usbench.setting import Setting
 from usbench.trials import rehearsal
@@ -26,7 +27,6 @@ from usbench.trials.evaluation import Evaluator, explores
 from usbench.trials.finished import find_finished
 from usbench.trials.glibc_memory import keep_freed
 from usbench.trials.learning import Learning, heard_once, make_agent
-from usbench.trials.lock import locked
 from usbench.trials.resume_files import ResumeFiles, interval
 from usbench.trials.stopwatch import Stopwatch
 from usbench.words import in_one_line

@@ -1,4 +1,4 @@
-"""One process at a time for each trial, and for each study of a person."""
+"""One process at a time for what several may want to write: a trial, a study of a person, a table."""
 
 import contextlib
 import logging
@@ -12,21 +12,21 @@ log = logging.getLogger(__name__)
 FOLDER = ".locks"
 
 
-def lock_of(folder: Path) -> FileLock:
-    """Return the lock of `folder`, in a file beside it; taking it raises `Timeout` where another has it.
+def lock_of(place: Path) -> FileLock:
+    """Return the lock of a folder or a file, itself a file beside it; `Timeout` where another process has it.
 
     Raises:
         OSError: If the folder of the lock's file cannot be made.
     """
-    path = folder.parent / FOLDER / f"{folder.name}.lock"
+    path = place.parent / FOLDER / f"{place.name}.lock"
     path.parent.mkdir(parents=True, exist_ok=True)
     # A guide takes it in one thread and gives it back in another.
     return FileLock(path, timeout=0, thread_local=False)
 
 
 @contextlib.contextmanager
-def locked(folder: Path) -> Iterator[None]:
-    """Hold the lock of the trial in `folder`, which another process may hold: then wait until it is free.
+def locked(place: Path) -> Iterator[None]:
+    """Hold the lock of a folder or a file, which another process may hold: then wait until it is free.
 
     The lock ends with its process, however that ends. Its file, empty, stays: removing it would let two
     processes hold it.
@@ -34,11 +34,11 @@ def locked(folder: Path) -> Iterator[None]:
     Raises:
         OSError: If the lock's file cannot be made.
     """
-    lock = lock_of(folder)
+    lock = lock_of(place)
     try:
         lock.acquire()
     except Timeout:
-        log.warning("another process holds %s: waiting for it", folder.name)
+        log.warning("another process holds %s: waiting for it", place.name)
         lock.acquire(timeout=-1, poll_interval=1.0)
     try:
         yield
