@@ -3,6 +3,7 @@
 import dataclasses
 import io
 import re
+import weakref
 from types import SimpleNamespace
 
 import cv2
@@ -367,6 +368,21 @@ def one_page():
 def test_a_replay_of_another_format_is_refused(tmp_path):
     with pytest.raises(ValueError, match=r"a replay must end with one of .*\.gif.*, not 'a\.avi'"):
         film.write(tmp_path / "a.avi", [one_page()])
+
+
+def test_a_video_holds_no_more_than_two_pages_at_once(tmp_path):
+    alive = []
+
+    def pages():
+        for _ in range(10):
+            page = one_page()
+            alive.append(weakref.ref(page))
+            yield page
+            del page
+            assert sum(one() is not None for one in alive) <= 2
+
+    film.write(tmp_path / "a.mp4", pages())
+    assert len(alive) == 10 and (tmp_path / "a.mp4").stat().st_size
 
 
 def test_where_opencv_writes_no_video_the_other_formats_are_named(tmp_path, monkeypatch):

@@ -2,6 +2,7 @@
 
 import textwrap
 from collections.abc import Iterable, Sequence
+from itertools import chain
 from pathlib import Path
 
 import cv2
@@ -74,29 +75,32 @@ def advice_words(advice: Advice, names: Sequence[str]) -> list[str]:
     return [f"{name} {number}".rstrip() for name, number in zip(names, advice_numbers(advice), strict=True)]
 
 
-def write(path: Path, pages: Sequence[Image.Image]) -> None:
+def write(path: Path, pages: Iterable[Image.Image]) -> None:
     """Write pages of one size as .gif, .webp or .mp4; the last page of an episode stays for longer.
+
+    A video takes them one by one, so that one of many episodes needs no more memory than a short one; Pillow
+    holds the whole of a .gif or .webp.
 
     Raises:
         ValueError: If the name ends otherwise.
         OSError: If OpenCV cannot write the video.
     """
-    durations = [int(page.info["duration"]) for page in pages]
     if path.suffix in (".gif", ".webp"):
+        first, *others = pages
         with atomic_file(path) as file:
-            pages[0].save(
+            first.save(
                 file,
                 format=path.suffix[1:].upper(),
                 save_all=True,
-                append_images=pages[1:],
-                duration=durations,
+                append_images=others,
+                duration=[_duration_ms(page) for page in (first, *others)],
                 loop=0,
                 quality=WEBP_QUALITY,
             )
     elif path.suffix == ".mp4":
         with scratch_folder(path) as folder:
             video = folder / path.name  # OpenCV knows the container by the ending
-            _write_video(video, pages, [round(duration / STEP_MS) for duration in durations])
+            _write_video(video, pages)
             move_whole(video, path)
     else:
         raise ValueError(f"a replay must end with one of {', '.join(FORMATS)}, not {path.name!r}.")
@@ -119,14 +123,23 @@ def _draw_advice(draw: ImageDraw.ImageDraw, advice: Advice, names: Sequence[str]
         draw.rectangle((BAR_LEFT, y + 4, BAR_LEFT + length, y + 16), fill=BEST if best else BAR)
 
 
-def _write_video(path: Path, pages: Sequence[Image.Image], repeats: Iterable[int]) -> None:
-    for codec in CODECS:
-        writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), 1000 / STEP_MS, pages[0].size)
-        if writer.isOpened():
-            break
-    else:
-        raise OSError("this build of OpenCV cannot write .mp4: choose .gif or .webp.")
-    for page, count in zip(pages, repeats, strict=True):
-        for _ in range(count):
+def _duration_ms(page: Image.Image) -> int:
+    return int(page.info["duration"])
+
+
+def _write_video(path: Path, pages: Iterable[Image.Image]) -> None:
+    rest = iter(pages)
+    first = next(rest)
+    writer = _open_video(path, first.size)
+    for page in chain((first,), rest):
+        for _ in range(round(_duration_ms(page) / STEP_MS)):
             writer.write(cv2.cvtColor(np.asarray(page), cv2.COLOR_RGB2BGR))
     writer.release()
+
+
+def _open_video(path: Path, size: tuple[int, int]) -> cv2.VideoWriter:
+    for codec in CODECS:
+        writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), 1000 / STEP_MS, size)
+        if writer.isOpened():
+            return writer
+    raise OSError("this build of OpenCV cannot write .mp4: choose .gif or .webp.")

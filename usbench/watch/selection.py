@@ -89,11 +89,11 @@ def write(selection: Selection, out: Path) -> None:
     """Write the episodes one after the other to `out`, .gif, .webp or .mp4."""
     film.write(
         out,
-        [
+        (
             film.page(moment, len(episode["actions"]), selection.names, selection.title(episode))
             for episode in selection.episodes
             for moment in selection.moments(episode)
-        ],
+        ),
     )
 
 
