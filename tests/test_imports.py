@@ -98,7 +98,17 @@ def test_environments_import_only_environments(path):
 # What anything that shows results stands on.
 BELOW = tuple(
     f"usbench.{name}"
-    for name in ["anchors", "atomic", "ceilings", "checks", "coordinates", "records", "released", "tasks"]
+    for name in [
+        "anchors",
+        "atomic",
+        "ceilings",
+        "checks",
+        "coordinates",
+        "records",
+        "released",
+        "tasks",
+        "waiting",
+    ]
 )
 SCENE = ("usbench.setting", "usbench.setting_files", "usbench.suite", "usbench.envs")
 # Modules that ask agents, which takes torch.

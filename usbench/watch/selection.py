@@ -5,10 +5,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from PIL import Image
+
 from usbench import released
 from usbench.figures import style
 from usbench.records import ConfigurationError, Trial
 from usbench.setting import Setting
+from usbench.waiting import Waiting
 from usbench.watch import film, replay
 from usbench.watch.moment import Ask, Moment
 
@@ -87,14 +90,15 @@ def check_file(out: Path) -> Path:
 
 def write(selection: Selection, out: Path) -> None:
     """Write the episodes one after the other to `out`, .gif, .webp or .mp4."""
-    film.write(
-        out,
-        (
-            film.page(moment, len(episode["actions"]), selection.names, selection.title(episode))
-            for episode in selection.episodes
-            for moment in selection.moments(episode)
-        ),
-    )
+    film.write(out, _pages(selection))
+
+
+def _pages(selection: Selection) -> Iterator[Image.Image]:
+    waiting = Waiting("Drawing the film", len(selection.episodes))
+    for episode in selection.episodes:
+        for moment in selection.moments(episode):
+            yield film.page(moment, len(episode["actions"]), selection.names, selection.title(episode))
+        waiting.done()
 
 
 def _open(folder: Path) -> tuple[Ask | None, str]:
