@@ -5,17 +5,14 @@ from types import MappingProxyType
 from typing import Any
 
 from usbench import suite
-from usbench.agents.zoo import ZOO
 from usbench.ceilings import ACTIONS
 from usbench.checks import as_configuration_error, whole_number
 from usbench.compare.own_task import is_on_its_task
 from usbench.compare.protocol import Extra, Protocol
 from usbench.records import ConfigurationError, TrialConfig
+from usbench.results.agents import REFERENCE_POLICIES
 from usbench.results.protocol import unseen
 from usbench.trials.configuration import resolve
-
-# In every comparison, whatever else is asked for. They do not learn, so that one trial of each is enough.
-REFERENCE_POLICIES = tuple(name for name, row in ZOO.items() if not row.learns)
 
 
 def by_protocol(

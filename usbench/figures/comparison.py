@@ -13,7 +13,7 @@ from usbench.ceilings import bound
 from usbench.figures import looks, paper, score_axis, style
 from usbench.figures.cells import WIDEST, cell_panels, is_one_row
 from usbench.results import ranking, scores, stats, tables
-from usbench.results.agents import named
+from usbench.results.agents import REFERENCE_POLICIES, named
 from usbench.results.protocol import further, unseen
 from usbench.results.scores import SCORED, Cell
 from usbench.results.tables import Results
@@ -24,8 +24,6 @@ OVER = {"step": "training steps", "minutes": "minutes of CPU time in training"}
 N_THRESHOLDS = 141
 # Thresholds from one marker of a profile to the next.
 MARKED = 10
-# Agents that do not learn: lines and anchors beside those that do, rows where there are no others.
-REFERENCES = ("oracle", "random", "stay")
 # Without caps, which would lengthen an interval.
 BAR: dict[str, Any] = {"linewidth": 4, "solid_capstyle": "butt"}
 # With a rim, by which it stands out from the bar or the curve of the same colour.
@@ -93,7 +91,8 @@ def final_scores(known: Results) -> Figure | None:
     table = _final(known)
     if table.empty:
         return None
-    rows = table[~table["agent"].isin(REFERENCES)]
+    # Agents that do not learn are lines and anchors beside those that do, rows where there are no others.
+    rows = table[~table["agent"].isin(REFERENCE_POLICIES)]
     rows = table if rows.empty else rows
     drawn = looks.agents(rows["agent"])
     worst_first = _ranked(known, rows)[::-1]

@@ -10,6 +10,8 @@ from usbench.records import TrialConfig
 from usbench.results.tables import digest, n_frames, senses
 from usbench.tasks import PAPER, row_of
 
+# In every comparison, beside the agents that learn; one trial of each is enough.
+REFERENCE_POLICIES = tuple(name for name, row in ZOO.items() if not row.learns)
 # Settings that a name spells out; a name with more of them has a digest in their place.
 SPELLED = 2
 # Settings that are left out of a trial's row where they are so.
