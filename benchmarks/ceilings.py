@@ -2,8 +2,8 @@
 
 For each kind of knowledge in the tasks with new phantoms: with memory, the exact best return; with the last
 frames alone, a return that some policy reaches. Eyes are ideal, or those of real frames of training phantoms,
-which are simulated first. With noise, or where the focus moves, policies that are told the whole pose, with
-ideal eyes. It takes some minutes.
+which are simulated first. With noise, or where the focus moves, policies that are told the whole pose; eyes
+are then those of frames with the focus in the middle of the objects' depths. It takes some minutes.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import csv
 import io
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
@@ -30,6 +31,7 @@ from usbench.envs.tasks.random_examination import ExaminationTrackedEnv
 from usbench.envs.tasks.random_phantoms import (
     PROBE_PLANE_RANDOM,
     FocalPointRandomEnv,
+    PhantomDistribution,
     ProbePlaneRandomEnv,
     ProbePlaneTrackedEnv,
     RandomPhantomEnv,
@@ -114,9 +116,11 @@ def ceiling(kind: Knowledge, known: hypotheses.Hypotheses, beginnings: int) -> f
     return known.anchors.score(max(found))
 
 
-def real_eyes(ideal: hypotheses.Hypotheses, n_phantoms: int, error: float) -> hypotheses.Hypotheses:
+def real_eyes(
+    ideal: hypotheses.Hypotheses, distribution: PhantomDistribution, n_phantoms: int, error: float
+) -> hypotheses.Hypotheses:
     """Return what the frames of the first training phantoms let tell apart."""
-    phantoms = [DISTRIBUTION.phantom(seed) for seed in range(n_phantoms)]
+    phantoms = [distribution.phantom(seed) for seed in range(n_phantoms)]
     stores = [frame_store(phantom, DEFAULT_ARRAY, DEFAULT_IMAGING) for phantom in phantoms]
     for store in track(stores, "simulating frames of training phantoms"):
         store.prepare(ideal.task.states)
@@ -126,22 +130,27 @@ def real_eyes(ideal: hypotheses.Hypotheses, n_phantoms: int, error: float) -> hy
 def untold_rows(n_phantoms: int, error: float, beginnings: int) -> Iterator[Row]:
     """Yield the rows of the probe plane without noise, with both kinds of eyes."""
     ideal = hypotheses.of_distribution(PROBE_PLANE_RANDOM, DISTRIBUTION)
-    observers = [ideal, real_eyes(ideal, n_phantoms, error)] if n_phantoms else [ideal]
+    observers = [ideal, real_eyes(ideal, DISTRIBUTION, n_phantoms, error)] if n_phantoms else [ideal]
     for kind in track(KINDS, "policies"):
         scores = tuple(ceiling(kind, known, beginnings) for known in observers)
         words = "exact" if kind.n_frames is None else "at least"
         yield Row("pp-random pp-tracked", 0.0, kind, words, *scores)
 
 
-def tracked_rows() -> Iterator[Row]:
-    """Yield the rows of who knows the probe's pose, with ideal eyes."""
+def tracked_rows(n_phantoms: int, error: float) -> Iterator[Row]:
+    """Yield the rows of who knows the probe's pose, with both kinds of eyes."""
     for tasks, env, senses, noises in TRACKED_TASKS:
         kind = Knowledge(
             f"all frames and actions, {' and '.join((', '.join(senses[:-1]), senses[-1]))}", senses
         )
+        real = partial(real_eyes, distribution=env.distribution, n_phantoms=n_phantoms, error=error)
+        observers = [None, real] if n_phantoms else [None]
         for noise in track(noises, tasks):
-            found = teacher.Teacher(env.task, env.distribution, senses, noise)
-            yield Row(tasks, noise, kind, "exact", found.best_score)
+            scores = (
+                teacher.Teacher(env.task, env.distribution, senses, noise, one).best_score
+                for one in observers
+            )
+            yield Row(tasks, noise, kind, "exact", *scores)
 
 
 def write(path: Path, rows: Sequence[Row]) -> None:
@@ -163,7 +172,8 @@ def main() -> None:
     parser.add_argument("--csv", type=Path, help="file to write")
     args = parser.parse_args()
 
-    rows = [*untold_rows(args.phantoms, args.error, args.beginnings), *tracked_rows()]
+    eyes_of = (args.phantoms, args.error)
+    rows = [*untold_rows(*eyes_of, args.beginnings), *tracked_rows(*eyes_of)]
     table = Table(
         "tasks",
         "noise",

@@ -84,13 +84,12 @@ class Hypotheses:
 
     @cached_property
     def shows(self) -> npt.NDArray[np.bool_]:
-        """Whether anything of the object is seen, (n_states, n_targets)."""
-        numbers, places = np.unique(self.seen, return_index=True)
-        found = np.zeros(int(numbers.max()) + 1, np.bool_)
-        for number, place in zip(numbers, places, strict=True):
-            state, target = divmod(int(place), len(self.targets))
-            found[number] = thickness_mm(self.targets[target], self.task.states[state]).any()
-        return found[self.seen]
+        """Whether what is seen is of the object without any doubt, (n_states, n_targets)."""
+        relations, pairs = _relations(self.task, self.targets)
+        shown = np.array([thickness_mm(*pair).any() for pair in pairs])
+        without_doubt = np.ones(int(self.seen.max()) + 1, np.bool_)
+        np.logical_and.at(without_doubt, self.seen, shown[relations])
+        return without_doubt[self.seen]
 
     def told(self, senses: Sequence[str]) -> Ints:
         """Return what the senses of the pose tell: a number for every hypothesis, (n_hypotheses,)."""
@@ -137,18 +136,27 @@ def of_distribution(task: Task, phantoms: PhantomDistribution) -> Hypotheses:
     depth = task.states[0].focal_depth_mm
     angles = sorted({angle % 180 for angle in phantoms.angle_deg})
     targets = tuple(Pose(x_mm, depth, angle) for x_mm in dict.fromkeys(phantoms.x_mm) for angle in angles)
-    known: dict[tuple[int, int, int], int] = {}
-    pictures: list[Picture] = []
-    seen = np.zeros((len(task.states), len(targets)), dtype=np.int64)
-    for i, pose in enumerate(task.states):
-        for j, target in enumerate(targets):
-            relative = (target.x_mm - pose.x_mm, target.angle_deg, pose.angle_deg)
-            if relative not in known:
-                known[relative] = len(pictures)
-                pictures.append(thickness_mm(target, pose))
-            seen[i, j] = known[relative]
-    same = np.unique(np.array(pictures), axis=0, return_inverse=True)[1].ravel().astype(np.int64)
-    return Hypotheses(task, targets, same[seen])
+    relations, pairs = _relations(task, targets)
+    pictures = np.array([thickness_mm(*pair) for pair in pairs])
+    same = np.unique(pictures, axis=0, return_inverse=True)[1].ravel().astype(np.int64)
+    return Hypotheses(task, targets, same[relations])
+
+
+def _relations(task: Task, targets: Sequence[Pose]) -> tuple[Ints, list[tuple[Pose, Pose]]]:
+    """Return a number for how probe and object lie to each other, (n_states, n_targets), and a pair of each.
+
+    The picture depends on that alone: pairs are of a target and a pose.
+    """
+    number_of: dict[tuple[int, int, int], int] = {}
+    pairs: list[tuple[Pose, Pose]] = []
+    numbers = np.zeros((len(task.states), len(targets)), dtype=np.int64)
+    for (i, pose), (j, target) in product(enumerate(task.states), enumerate(targets)):
+        relation = (target.x_mm - pose.x_mm, target.angle_deg, pose.angle_deg)
+        if relation not in number_of:
+            number_of[relation] = len(pairs)
+            pairs.append((target, pose))
+        numbers[i, j] = number_of[relation]
+    return numbers, pairs
 
 
 def thickness_mm(target: Pose, pose: Pose) -> Picture:

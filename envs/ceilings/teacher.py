@@ -8,7 +8,7 @@ Where a task moves the focus too, what is known of the object's depth is kept be
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any
@@ -44,6 +44,7 @@ class Teacher:
         phantoms: What its phantoms are drawn from.
         senses: What the student is told; the teacher knows its own actions in any case.
         noise: Probability of a displacement after each action.
+        eyes: What other eyes see of what ideal eyes tell apart; None for ideal eyes.
 
     Raises:
         ValueError: If noise or a focus that moves leaves the teacher in doubt about the probe's own pose.
@@ -53,6 +54,7 @@ class Teacher:
     phantoms: PhantomDistribution
     senses: tuple[str, ...]
     noise: float = 0.0
+    eyes: Callable[[Hypotheses], Hypotheses] | None = None
 
     def __post_init__(self) -> None:
         """Check that beliefs can be listed."""
@@ -109,7 +111,8 @@ class Teacher:
     def known(self) -> Hypotheses:
         """Poses and objects, with the focus held where objects lie in the middle of their depths."""
         depth = self.phantoms.depth_mm[len(self.phantoms.depth_mm) // 2]
-        return hypotheses.of_distribution(focus_held(self.task, depth), self.phantoms)
+        ideal = hypotheses.of_distribution(focus_held(self.task, depth), self.phantoms)
+        return ideal if self.eyes is None else self.eyes(ideal)
 
     @cached_property
     def _observed(self) -> Ints:

@@ -91,6 +91,39 @@ def test_value_with_a_focus_that_moves_is_that_of_brute_force(noise):
     assert teacher.best_return == pytest.approx(expected)
 
 
+@pytest.mark.parametrize("noise", [0.0, 0.5])
+def test_value_with_eyes_that_see_less_is_that_of_brute_force(noise):
+    def eyes(ideal):
+        return replace(ideal, seen=ideal.seen % 3)
+
+    teacher = Teacher(SMALL, FEW, ("position", "focus", "heading"), noise, eyes)
+    known, foci = teacher.known, teacher.phantoms.depth_mm
+    held = focus_held(SMALL, foci[len(foci) // 2])
+
+    @cache
+    def looks(pose, target):
+        place = held.indices[replace(pose, focal_depth_mm=held.states[0].focal_depth_mm)]
+        column = known.targets.index(replace(target, focal_depth_mm=held.states[0].focal_depth_mm))
+        # The object's depth tells who sees it without any doubt.
+        depth_mm = target.focal_depth_mm if known.shows[place, column] else None
+        return pose, int(known.seen[place, column]), depth_mm
+
+    members = {}
+    for pose, target in pairs(teacher):
+        members.setdefault(looks(pose, target), {})[pose, target] = 1 / len(pairs(teacher))
+    expected = sum(brute_force(SMALL, noise, looks, group, 2) for group in members.values())
+    assert teacher.best_return == pytest.approx(expected)
+    ideal = Teacher(SMALL, FEW, ("position", "focus", "heading"), noise)
+    assert teacher.best_return < ideal.best_return - 1e-3
+
+
+def test_who_may_see_nothing_does_not_see_the_object_without_doubt():
+    ideal = hypotheses.of_distribution(PROBE_PLANE_TRACKED, DRAWN)
+    assert 0 < ideal.shows.mean() < 1
+    merged = replace(ideal, seen=np.zeros_like(ideal.seen))
+    assert not merged.shows.any()
+
+
 def test_value_is_the_ceiling(teacher):
     assert teacher.best_return == pytest.approx(beliefs.best_return(teacher.known, TRACKED))
 
