@@ -16,13 +16,11 @@ from usbench.atomic import atomic_file
 from usbench.checks import ConfigurationError
 from usbench.records.journal import read_rows
 from usbench.results import stats
-from usbench.results.text import DASH, code, interval, names, number, table
+from usbench.results.text import DASH, code, in_a_row, interval, names, number, table
 from usbench.words import in_one_line
 
 TABLE = "tuning.csv"
-ABOUT = (
-    "What a search finds with few candidates: their scores after a quarter of the budget, and the best of n."
-)
+ABOUT = "What a search finds with few candidates: their scores in its first rung, and the best of n."
 # `score` is empty where the training diverged; the first rung is 0, and the whole budget has the last.
 COLUMNS = ("row", "candidate", "task", "noise", "seed", "score", "rung")
 # Which trial of a record one is.
@@ -144,9 +142,9 @@ def section(known: pd.DataFrame) -> str:
         "winner, whole budget",
     ]
     return (
-        "Scores of the candidates that the search drew at random for each row, in its first rung: a quarter "
-        "of the budget, the mean over both tasks, noise 0 and 0.5, one seed. The expected best of n is that "
-        "of n candidates drawn without replacement; up to n = "
+        "Scores of the candidates that the search drew at random for each row, in its first rung: "
+        f"{_rung(0)}. "
+        "The expected best of n is that of n candidates drawn without replacement; up to n = "
         f"{LAST_WITH_INTERVAL} with a 95 % interval from candidates resampled, since no resample has a "
         "better candidate than the best one, and intervals for more hold the truth far too seldom "
         "(docs/comparison.md). It is the score by which candidates are chosen, so that other seeds will have "
@@ -211,6 +209,15 @@ def _complete(found: list[dict[str, Any]], rung: int, n_candidates: int) -> bool
 
 def _search() -> dict[str, Any]:
     return dict(seed_pools.protocol()["search"])
+
+
+def _rung(number: int) -> str:
+    """Return in words of what a rung's scores are the mean."""
+    search = _search()
+    rung = search["rungs"][number]
+    noises = in_a_row([f"{noise:g}" for noise in search["noises"]])
+    seeds = in_a_row([str(seed) for seed in rung["seeds"]])
+    return f"{rung['steps']} steps, the mean over {names(search['tasks'])}, noise {noises}, seed {seeds}"
 
 
 def _last_rung() -> int:
