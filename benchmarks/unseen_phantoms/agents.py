@@ -68,5 +68,3 @@ PAPERS_TRUNK = replace(ROW, policy_kwargs={**TRUNK, **RUNNING})
 ONE_AVERAGE = _with_trunk(grid=(1, 1))
 LAYER_NORM = _with_trunk(groups=1)
 NO_NORM = _with_trunk(groups=0)
-
-PLAIN = replace(PAPERS_TRUNK, cls=NO_VIEWS.cls)

@@ -114,10 +114,5 @@ def test_trunks_have_the_norm_and_the_grid_that_they_are_named_after(quick):
     assert norms("layer norm") == (720, [1] * 6)
     assert norms("no norm") == (720, [])
     assert norms("one average over the picture") == (48, [4] * 6)
-
-
-def test_the_plain_agent_has_none_of_it(quick):
-    agent = named("no symmetries, returns of one step, the paper's trunk")
-    trunk = agent.q_net.features_extractor.trunk
-    assert agent.q_net.views is None and agent.return_steps == 1 and agent.max_shift_px == 0
-    assert trunk.features_dim == np.prod((32, 22, 10))
+    paper = named("the paper's trunk").q_net.features_extractor.trunk
+    assert paper.features_dim == np.prod((32, 22, 10))
