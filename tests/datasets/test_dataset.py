@@ -152,6 +152,20 @@ def test_a_data_set_that_is_there_is_never_overwritten(place, capsys):
     assert before == {path: path.read_bytes() for path in place.rglob("*") if path.is_file()}
 
 
+def test_a_data_set_that_another_process_has_written_meanwhile_stays(place, monkeypatch):
+    text = card.text
+
+    def late(*args):
+        monkeypatch.setattr(card, "text", text)
+        minari_files.write("pp", "random", 2)
+        return text(*args)
+
+    monkeypatch.setattr(card, "text", late)
+    with pytest.raises(ConfigurationError, match="there is a data set 'usbench/pp/random-v0' in"):
+        minari_files.write("pp", "random", 3, seed=1)
+    assert minari.load_dataset("usbench/pp/random-v0").total_episodes == 2
+
+
 @pytest.mark.filterwarnings("error:.*is out of date")
 def test_an_earlier_version_of_a_task_that_is_asked_for_is_no_mistake(place):
     name, _ = minari_files.write("setup-v0", "random", 2)

@@ -83,16 +83,33 @@ def write(
         made = scratch / name
         text = card.text(name, setting, agent, anchors, played, seed, size_bytes(made))
         (made / CARD).write_bytes(text.encode())
-        _publish(made, folder)
+        _publish(name, made, folder)
     return name, folder
 
 
-def _publish(made: Path, folder: Path) -> None:
-    """Move a data set to its `folder`, after the files that Minari keeps of its namespace."""
+def _publish(name: str, made: Path, folder: Path) -> None:
+    """Move a data set to its `folder`, after the files that Minari keeps of its namespace.
+
+    Raises:
+        ConfigurationError: If another process has written one there meanwhile.
+    """
     for path in made.parent.iterdir():
         if path.is_file() and not (folder.parent / path.name).exists():
             move_whole(path, folder.parent / path.name)
-    move_whole(made, folder)
+    try:
+        made.replace(folder)
+    except OSError as error:
+        raise (_there_already(name, folder) if _holds_files(folder) else error) from error
+
+
+def _holds_files(folder: Path) -> bool:
+    return folder.is_dir() and any(folder.iterdir())
+
+
+def _there_already(name: str, folder: Path) -> ConfigurationError:
+    return ConfigurationError(
+        f"there is a data set {name!r} in {str(folder)!r} already: remove it, or choose another folder."
+    )
 
 
 def dataset_name(setting: Setting, agent: str) -> str:
@@ -125,10 +142,8 @@ def _new_folder(name: str) -> Path:
         folder.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise records.unwritable(Path(error.filename or name), error) from error
-    if (folder / "data").exists():
-        raise ConfigurationError(
-            f"there is a data set {name!r} in {str(folder)!r} already: remove it, or choose another folder."
-        )
+    if _holds_files(folder):
+        raise _there_already(name, folder)
     return folder
 
 
