@@ -31,7 +31,8 @@ def likeness(frame: Frame, view: Frame, imaging: Imaging = DEFAULT_IMAGING) -> f
 
     Contrast times structure of the structural similarity (Wang, Bovik, Sheikh and Simoncelli 2004, Eq. 9 and
     10, without constants), 2 cov(f, v) / (var f + var v), at the depth where it is largest: an object that
-    lies deeper looks the same, further down. A frame as a whole being brighter makes no difference.
+    lies deeper looks the same, further down. A frame as a whole being brighter makes no difference. Where
+    neither shows anything, at any depth, they are 0 alike.
     """
     pixel_mm = 1e3 * imaging.pixel_size
     shown, wanted = (
@@ -42,7 +43,8 @@ def likeness(frame: Frame, view: Frame, imaging: Imaging = DEFAULT_IMAGING) -> f
     wanted = wanted[rows] - wanted[rows].mean()
     windows = np.lib.stride_tricks.sliding_window_view(shown, len(wanted), axis=0)  # (n_depths, width, rows)
     covariance = np.tensordot(windows, wanted.T, axes=2) / wanted.size
-    return float(np.max(2 * covariance / (windows.var(axis=(1, 2)) + wanted.var())))
+    variance = windows.var(axis=(1, 2)) + wanted.var()
+    return float(np.max(2 * covariance / np.where(variance > 0, variance, 1.0)))
 
 
 def check_depth(imaging: Imaging) -> None:
