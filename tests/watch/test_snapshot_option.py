@@ -134,6 +134,8 @@ def test_a_frame_of_points_shows_all_of_them():
     imaging = imaging_of(Source(points))
     assert (imaging.pixel_size, imaging.median_size) == (0.2e-3, 1)
     assert (imaging.width, imaging.depth) == pytest.approx((40e-3, 34e-3))
+    deepest = PointScatterers([(0, 0, 0.5)], [1.0])
+    assert imaging_of(Source(deepest)).depth == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize(

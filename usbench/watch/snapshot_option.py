@@ -10,7 +10,7 @@ from gymnasium.envs.registration import load_env_creator
 from usbench import setting_files
 from usbench.checks import as_configuration_error, number, whole_number
 from usbench.envs.anatomy.points import PointScatterers
-from usbench.envs.bmode import DEFAULT_IMAGING, MOST_DB, Imaging
+from usbench.envs.bmode import DEFAULT_IMAGING, MOST_DB, MOST_SIZE, Imaging
 from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Pose
 from usbench.envs.probe import DEFAULT_ARRAY, LinearArray
@@ -134,7 +134,8 @@ def imaging_of(source: Source, pixel_mm: Any = None, median_size: Any = None) ->
         pixel_mm = POINT_PIXEL_MM if pixel_mm is None else pixel_mm
         median_size = 1 if median_size is None else median_size
         # Room for the pulse, and whole mm for the axis.
-        width, depth = source.probe.width, math.ceil(1.05e3 * float(points.positions[:, 2].max()) + 2) * 1e-3
+        deepest = float(points.positions[:, 2].max())
+        width, depth = source.probe.width, min(math.ceil(1.05e3 * deepest + 2) * 1e-3, MOST_SIZE)
     with as_configuration_error():
         if median_size is not None:
             imaging = replace(imaging, median_size=median_size)
