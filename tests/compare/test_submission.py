@@ -306,6 +306,9 @@ def test_the_folder_of_a_submission_holds_its_trials_alone_and_is_no_source(runs
     assert told in capsys.readouterr().err
     assert cli.main(["submit", "submission"]) == 2
     assert "already: usbench submit submission --check checks them." in capsys.readouterr().err
+    # Nobody is asked to remove a submission for the sake of a folder that is not there.
+    assert cli.main(["submit", "mien"]) == 2
+    assert "there is no trial in 'mien'" in capsys.readouterr().err
 
 
 def test_what_is_added_without_being_verified_is_marked(runs, capsys, monkeypatch):

@@ -71,7 +71,8 @@ def _check_place(runs: Path, out: Path) -> None:
             f"the trials are in the folder {str(out)!r} already: usbench submit {out} --check checks them."
         )
     others = [folder.name for folder in records.trial_folders(out) if folder.name not in folders]
-    if others:
+    # Where there is no trial in `runs`, the check says so.
+    if folders and others:
         raise ConfigurationError(
             f"the folder {str(out)!r} holds trials that are not in {str(runs)!r}, as {others[0]}: remove "
             "them, or choose another folder with --out."
