@@ -306,6 +306,9 @@ def test_the_folder_of_a_submission_holds_its_trials_alone_and_is_no_source(runs
     assert told in capsys.readouterr().err
     assert cli.main(["submit", "submission"]) == 2
     assert "already: usbench submit submission --check checks them." in capsys.readouterr().err
+    Path("file").touch()
+    assert cli.main(["submit", "mine", "--out", "file"]) == 2
+    assert "'file' is a file: choose a folder with --out." in capsys.readouterr().err
     # Nobody is asked to remove a submission for the sake of a folder that is not there.
     assert cli.main(["submit", "mien"]) == 2
     assert "there is no trial in 'mien'" in capsys.readouterr().err

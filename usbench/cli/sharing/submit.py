@@ -61,10 +61,12 @@ def _call(args: argparse.Namespace) -> None:
 
 
 def _check_place(runs: Path, out: Path) -> None:
-    """Raise ConfigurationError if `out` would hold more than the trials in `runs`, or holds them already."""
+    """Raise ConfigurationError if `out` is a file, holds the trials in `runs`, or would hold others, too."""
     from usbench import records
     from usbench.checks import ConfigurationError
 
+    if out.is_file():
+        raise ConfigurationError(f"{str(out)!r} is a file: choose a folder with --out.")
     folders = {folder.name: folder for folder in (records.trial_folders(runs) if runs.is_dir() else [])}
     if any(folder.resolve() == (out / name).resolve() for name, folder in folders.items()):
         raise ConfigurationError(
