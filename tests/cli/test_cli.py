@@ -212,6 +212,12 @@ def test_list_refuses_an_unknown_name_with_the_closest(capsys):
     assert "did you mean 'qrdqn'?" in refusal(capsys, "list", "qdqn")
 
 
+@pytest.mark.parametrize("command, argument", [("watch", "TRIAL"), ("guide", "TRIAL"), ("list", "NAME")])
+def test_a_second_argument_is_refused_with_what_the_command_takes(capsys, command, argument):
+    said = refusal(capsys, command, "runs/one", "runs/two")
+    assert f"runs/two: usbench {command} takes one argument ({argument})" in said
+
+
 def test_help_shows_examples_and_does_not_wait_for_torch():
     code = "import sys; from usbench.cli import main; sys.exit(main(['--help']) or 'torch' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)

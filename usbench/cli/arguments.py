@@ -37,7 +37,15 @@ class Parser(argparse.ArgumentParser):
     def refuse(self, rest: Sequence[str]) -> NoReturn:
         """Refuse the arguments that nothing takes, with the closest option if the first of them is one."""
         first = rest[0].partition("=")[0]
-        hint = did_you_mean(first, self._option_string_actions, cutoff=0.7) if first.startswith("-") else ""
+        if first.startswith("-"):
+            hint = did_you_mean(first, self._option_string_actions, cutoff=0.7)
+        else:
+            # More than one where the shell makes several folders of runs/pp-*.
+            hint = "".join(
+                f": {self.prog} takes one argument ({action.metavar})"
+                for action in self._get_positional_actions()
+                if action.nargs in (None, "?")
+            )
         self.error(f"unrecognized arguments: {' '.join(rest)}{hint}")
 
     def error(self, message: str) -> NoReturn:
