@@ -99,3 +99,7 @@ def test_no_other_module_checks_numbers_by_hand():
             }
             own = {"numbers", "difflib", "Real", "Integral"} & names
             assert not own or path.name in allowed, f"{path.relative_to(ROOT)} imports {own}"
+
+
+def test_an_extra_is_installed_in_a_clone_with_the_tested_versions():
+    assert "(in a clone: pip install -c constraints.txt -e '.[minari]')" in checks.install("minari")

@@ -231,4 +231,4 @@ def _refused(name: str, value: object, allowed: str) -> str:
 
 def install(extra: str) -> str:
     """Return the command that installs what an extra of the package needs, elsewhere and in a clone."""
-    return f"pip install 'usbench[{extra}]' (in a clone: pip install -e '.[{extra}]')"
+    return f"pip install 'usbench[{extra}]' (in a clone: pip install -c constraints.txt -e '.[{extra}]')"
