@@ -15,7 +15,8 @@ EXAMPLES = """examples:
   usbench watch runs/pp-p0-vpg-s0-f5fd15c6
       in the terminal; as a table of text where the output is no terminal
   usbench watch runs/pp-p0-vpg-s0-f5fd15c6 --episode 0 17 --out episodes.mp4
-      many episodes: an .mp4 is written picture by picture, and Pillow holds a .gif or .webp whole
+      many episodes: an .mp4 is written picture by picture, and Pillow holds a
+      .gif or .webp whole
   usbench watch runs/pp-p0-vpg-s0-f5fd15c6 --sampled --out episode.gif
 """
 
