@@ -24,7 +24,6 @@ LEARNING = {"gymnasium", "torch", "stable_baselines3"}
 GROUND = (
     "usbench.checks",
     "usbench.atomic",
-    "usbench.lock",
     "usbench.anchors",
     "usbench.coordinates",
     "usbench.seed_pools",

@@ -8,7 +8,7 @@ import pandas as pd
 from rich.table import Table
 
 from usbench.atomic import atomic_file
-from usbench.lock import lock_of
+from usbench.records.lock import lock_of
 from usbench.results import scores
 
 

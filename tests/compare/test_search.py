@@ -18,7 +18,7 @@ from usbench.agents.hyperparameters import check
 from usbench.agents.search_space import SPACES, Choice, Endless, Log, candidates
 from usbench.compare import protocol, search, search_record
 from usbench.compare.search_record import SearchRecord
-from usbench.lock import lock_of
+from usbench.records.lock import lock_of
 from usbench.trials import runner
 from usbench.trials.configuration import resolve
 

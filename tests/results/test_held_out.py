@@ -13,8 +13,8 @@ from state_files import read_state
 
 from usbench import cli, records, suite
 from usbench.compare import transfer
-from usbench.lock import lock_of
 from usbench.records import ConfigurationError
+from usbench.records.lock import lock_of
 from usbench.results import held_out, leaderboard, tables
 from usbench.setting import Setting
 from usbench.trials import runner

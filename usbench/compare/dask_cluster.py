@@ -22,8 +22,8 @@ from filelock import Timeout
 from usbench import records
 from usbench.atomic import atomic_file
 from usbench.checks import install
-from usbench.lock import lock_of
 from usbench.records import ConfigurationError, TrialConfig
+from usbench.records.lock import lock_of
 from usbench.trials import configuration
 from usbench.trials.callback import Silent
 from usbench.trials.finished import find_finished

@@ -19,8 +19,8 @@ from usbench.compare import sweep
 from usbench.compare.expected import Expected, by_published
 from usbench.compare.protocol import Protocol
 from usbench.compare.search_record import Place, SearchRecord
-from usbench.lock import locked
 from usbench.records import ConfigurationError, TrialConfig
+from usbench.records.lock import locked
 from usbench.trials.configuration import resolve
 
 

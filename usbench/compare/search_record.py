@@ -14,9 +14,9 @@ from usbench import records
 from usbench.agents.search_space import SPACES, candidates
 from usbench.agents.zoo import hyperparameters
 from usbench.compare.protocol import Protocol
-from usbench.lock import locked
 from usbench.records import ConfigurationError, Trial, TrialConfig
 from usbench.records.journal import append_all, cut_torn_line, read_rows
+from usbench.records.lock import locked
 
 # What a training that diverges fails with; anything else is the machine's, as memory is that PyTorch lacks.
 DIVERGED = ("ValueError", "RuntimeError", "FloatingPointError")

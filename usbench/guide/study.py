@@ -17,9 +17,9 @@ from filelock import Timeout
 from usbench.atomic import atomic_file
 from usbench.checks import as_configuration_error, check_plain_name
 from usbench.guide.examination import Examination, Opened
-from usbench.lock import lock_of
 from usbench.records import EVALUATIONS, ConfigurationError, Evaluation, unwritable
 from usbench.records.journal import UNREADABLE, append_all, cut_torn_line, read_rows, told
+from usbench.records.lock import lock_of
 from usbench.results.studies import ADVISED, AGENT, HUMAN, OPTIMUM, STUDY, folder_of
 from usbench.setting import Setting
 from usbench.suite import EvaluationEpisode

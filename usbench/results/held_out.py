@@ -9,7 +9,7 @@ import pandas as pd
 from usbench import records, tasks
 from usbench.anchors import Anchors
 from usbench.atomic import atomic_file
-from usbench.lock import locked
+from usbench.records.lock import locked
 from usbench.results import scores, stats, text
 from usbench.results.agents import named
 from usbench.results.protocol import further

@@ -17,8 +17,8 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 from usbench import records, suite
 from usbench.agents import zoo
 from usbench.atomic import move_whole, scratch_folder
-from usbench.lock import locked
 from usbench.records import Trial, TrialConfig, TrialError, checksums
+from usbench.records.lock import locked
 from usbench.setting import Setting
 from usbench.trials import rehearsal
 from usbench.trials.callback import Progress, Silent
