@@ -131,10 +131,12 @@ def _write_video(path: Path, pages: Iterable[Image.Image]) -> None:
     rest = iter(pages)
     first = next(rest)
     writer = _open_video(path, first.size)
-    for page in chain((first,), rest):
-        for _ in range(round(_duration_ms(page) / STEP_MS)):
-            writer.write(cv2.cvtColor(np.asarray(page), cv2.COLOR_RGB2BGR))
-    writer.release()
+    try:
+        for page in chain((first,), rest):
+            for _ in range(round(_duration_ms(page) / STEP_MS)):
+                writer.write(cv2.cvtColor(np.asarray(page), cv2.COLOR_RGB2BGR))
+    finally:
+        writer.release()
 
 
 def _open_video(path: Path, size: tuple[int, int]) -> cv2.VideoWriter:

@@ -143,7 +143,7 @@ def section(known: pd.DataFrame) -> str:
     ]
     return (
         "Scores of the candidates that the search drew at random for each row, in its first rung: "
-        f"{_rung(0)}. "
+        f"{_first_rung()}. "
         "The expected best of n is that of n candidates drawn without replacement; up to n = "
         f"{LAST_WITH_INTERVAL} with a 95 % interval from candidates resampled, since no resample has a "
         "better candidate than the best one, and intervals for more hold the truth far too seldom "
@@ -211,10 +211,10 @@ def _search() -> dict[str, Any]:
     return dict(seed_pools.protocol()["search"])
 
 
-def _rung(number: int) -> str:
-    """Return in words of what a rung's scores are the mean."""
+def _first_rung() -> str:
+    """Return in words of what the scores of the first rung are the mean."""
     search = _search()
-    rung = search["rungs"][number]
+    rung = search["rungs"][0]
     noises = in_a_row([f"{noise:g}" for noise in search["noises"]])
     seeds = in_a_row([str(seed) for seed in rung["seeds"]])
     return f"{rung['steps']} steps, the mean over {names(search['tasks'])}, noise {noises}, seed {seeds}"
