@@ -112,7 +112,7 @@ paper: $(STAMP)  ## write docs/paper.md, the paper's results beside ours, from l
 task-pages: $(STAMP)  ## write the page and the moving picture of every task into docs/environments (some minutes)
 	$(BIN)/python benchmarks/task_pages.py
 
-ceilings: $(STAMP)  ## the largest scores that an agent's knowledge allows (some minutes)
+ceilings: $(STAMP)  ## the largest scores that an agent's knowledge allows (half an hour)
 	$(BIN)/python benchmarks/ceilings.py
 
 figures: $(STAMP)  ## draw the figures of docs/physics.md and print the widths of a point

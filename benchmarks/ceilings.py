@@ -3,7 +3,7 @@
 For each kind of knowledge in the tasks with new phantoms: with memory, the exact best return; with the last
 frames alone, a return that some policy reaches. Eyes are ideal, or those of real frames of training phantoms,
 which are simulated first. With noise, or where the focus moves, policies that are told the whole pose; eyes
-are then those of frames with the focus in the middle of the objects' depths. It takes some minutes.
+are then those of frames with the focus in the middle of the objects' depths. It takes half an hour.
 """
 
 from __future__ import annotations
