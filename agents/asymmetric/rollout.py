@@ -21,16 +21,21 @@ class StateBuffer(ValuesAtEndBuffer):
     action are transformed alike. What belongs to them follows.
 
     * PPO divides by how probable the action was. In a view that is what the policy that acted says of the
-      viewed action after the viewed observation; it is asked for every view when the rollout is complete.
-      With the log-probability of the step as it was, the ratio would not begin at 1, and could be of any size
-      (Raileanu et al. 2021, Section 3).
+      viewed action after the viewed observation; it is asked for every view when the rollout is complete, so
+      that the ratio begins at 1 (Raileanu et al. 2021, Section 3).
+    * Where the viewed action was less probable than the action that was drawn, PPO divides by the probability
+      of that one. The ratio begins below 1 then, and the sample counts as much less as actions like it would
+      have been drawn there: the importance weight of Espeholt et al. (2018, Section 4.1), cut off at 1. A
+      policy may hold a viewed action for all but impossible. Divided by that, a ratio can grow without
+      bound, and PPO's clipping stops it only where the advantage is positive.
     * Advantage and return are those of the step as it was, for a symmetry changes no reward and no
       transition. They are exact once the policy has the symmetries, which the views teach it. Until then the
       action in a view is not quite what the policy would have chosen there.
     * The state stays as it was, with the value that belongs to it: the policy sees no part of it.
 
-    Source: Raileanu et al., "Automatic data augmentation for generalization in reinforcement learning"
-    (2021).
+    Sources: Raileanu et al., "Automatic data augmentation for generalization in reinforcement learning"
+    (2021); Espeholt et al., "IMPALA: scalable distributed deep-RL with importance weighted actor-learner
+    architectures" (2018).
 
     Attributes:
         states: The state at the beginning of each step, `(n_steps, n_envs, SIZE)`, flattened by `get`.
@@ -107,7 +112,7 @@ class StateBuffer(ValuesAtEndBuffer):
         return samples._replace(
             observations=views.observations(samples.observations, numbers),
             actions=views.actions_in(samples.actions.long(), numbers),
-            old_log_prob=log_probs.flatten(),
+            old_log_prob=torch.maximum(log_probs.flatten(), samples.old_log_prob),
         )
 
 

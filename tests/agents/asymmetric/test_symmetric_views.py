@@ -84,17 +84,37 @@ def test_a_sample_is_a_view_of_its_step_with_the_steps_advantage_and_state(setti
 
 
 @both
-def test_the_ratio_begins_at_1_in_every_view(setting):
+def test_the_ratio_begins_at_1_or_at_the_importance_of_an_action_that_is_rarer_in_the_view(setting):
     agent = filled(model(setting))
     policy, rollout = agent.policy, agent.rollout_buffer
     np.testing.assert_array_equal(rollout.log_probs_in_views[..., 0], rollout.log_probs)
+    as_they_were = dict(
+        zip(rollout.swap_and_flatten(rollout.advantages)[:, 0], rollout.log_probs.T.flatten(), strict=True)
+    )
+    rarer = []
     for batch in rollout.get(16):
         with torch.no_grad():
             _, log_prob, _ = policy.evaluate_actions(batch.observations, batch.actions.flatten())
-        torch.testing.assert_close(log_prob, batch.old_log_prob)
-    # It would not with the log-probability of the step as it was.
-    spread = np.ptp(rollout.log_probs_in_views, axis=-1)
-    assert spread.max() > 1e-3
+        drawn = torch.tensor([as_they_were[advantage] for advantage in batch.advantages.numpy()])
+        ratio = (log_prob - batch.old_log_prob).exp()
+        torch.testing.assert_close(ratio, (log_prob - drawn).exp().clamp(max=1))
+        rarer.append((ratio < 0.999).numpy())
+    # Both occur.
+    assert 0 < np.concatenate(rarer).sum() < 64
+
+
+def test_no_ratio_can_exceed_one_over_the_probability_of_the_drawn_action():
+    agent = model()
+    weights = agent.policy.action_net.weight
+    with torch.no_grad():
+        weights.mul_(10_000)  # a sharp policy, to which some viewed actions are all but impossible
+        rollout = filled(agent).rollout_buffer
+        assert rollout.log_probs_in_views.min() < -88.8  # e to the 88.8 is more than float32 holds
+        weights.zero_()  # and one to which all actions are alike
+        bound = np.exp(-rollout.log_probs.min())
+        for batch in rollout.get(16):
+            _, log_prob, _ = agent.policy.evaluate_actions(batch.observations, batch.actions.flatten())
+            assert (log_prob - batch.old_log_prob).exp().max() <= bound
 
 
 def test_old_log_probabilities_are_those_of_the_policy_that_acted():
