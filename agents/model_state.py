@@ -77,6 +77,14 @@ def put_generators_back(model: BaseAlgorithm, states: dict[str, Any]) -> None:
     model.action_space.np_random.bit_generator.state = states["actions"]
 
 
+def has_diverged(agent: Any) -> bool:
+    """Whether a weight of the agent's networks is infinite or no number; False if it has none of torch."""
+    policy = getattr(agent, "policy", None)
+    if not isinstance(policy, torch.nn.Module):
+        return False
+    return not all(bool(torch.isfinite(weights).all()) for weights in policy.parameters())
+
+
 def _attributes(model: BaseAlgorithm) -> dict[str, Any]:
     parameters, variables = model._get_torch_save_params()
     held = MADE_ANEW | {name.split(".")[0] for name in [*parameters, *variables]}

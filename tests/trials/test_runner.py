@@ -183,6 +183,20 @@ def test_failed_trial_says_why_and_keeps_its_records(quick, tmp_path):
     assert len(records.load(folder, "episodes")) == 5
 
 
+@pytest.mark.parametrize("algo", ["vpg", "dqn"])
+def test_a_training_that_diverges_fails_and_says_so(algo, quick, tmp_path, monkeypatch):
+    # Probabilities that are no numbers raise an error that lists all of them; values go unseen.
+    def train(agent, *_, **__):
+        for weights in agent.policy.parameters():
+            weights.data.fill_(torch.nan)
+
+    monkeypatch.setattr(zoo.model_class(algo), "train", train)
+    with pytest.raises(runner.TrialError, match=r"failed: the training diverged: .* smaller learning rate$"):
+        run(tmp_path, algo=algo, steps=160, overrides={"learning_starts": 16} if algo == "dqn" else {})
+    (folder,) = records.trial_folders(tmp_path)
+    assert read_state(folder)["reason"] == callback.DIVERGED
+
+
 def test_trial_whose_agent_cannot_be_made_leaves_no_file_open(quick, tmp_path, monkeypatch):
     opened = []
 

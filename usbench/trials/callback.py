@@ -10,12 +10,14 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.type_aliases import TrainFrequencyUnit
 
+from usbench.agents.model_state import has_diverged
 from usbench.records import Episode
 from usbench.records.journal import Journal
 from usbench.trials import tensorboard
 from usbench.trials.evaluation import Evaluator
 
 RECENT_EPISODES = 20
+DIVERGED = "the training diverged: its network has weights that are no numbers; try a smaller learning rate"
 
 
 class Progress(Protocol):
@@ -132,11 +134,17 @@ class TrainingWatch(BaseCallback):
         self.evaluate_due(agent)
 
     def evaluate_due(self, agent: Any) -> None:
-        """If an evaluation point was reached, play the episodes, with sampled and with greedy actions."""
+        """If an evaluation point was reached, play the episodes, with sampled and with greedy actions.
+
+        Raises:
+            FloatingPointError: If the training has diverged: what the agent would play means nothing.
+        """
         step = self.num_timesteps
         reached = [point for point in self._due if point <= step]
         if not reached:
             return
+        if has_diverged(agent):
+            raise FloatingPointError(DIVERGED)
         self._due = self._due[len(reached) :]
         # An agent of another package may have a logger of any kind.
         logger = getattr(agent, "logger", None) if self._steps > 0 else None

@@ -16,12 +16,13 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 
 from usbench import records, suite
 from usbench.agents import zoo
+from usbench.agents.model_state import has_diverged
 from usbench.atomic import move_whole, scratch_folder
 from usbench.records import Trial, TrialConfig, TrialError, checksums
 from usbench.records.lock import locked
 from usbench.setting import Setting
 from usbench.trials import rehearsal
-from usbench.trials.callback import Progress, Silent
+from usbench.trials.callback import DIVERGED, Progress, Silent
 from usbench.trials.configuration import versions
 from usbench.trials.evaluation import Evaluator, explores
 from usbench.trials.finished import find_finished
@@ -165,7 +166,8 @@ class _Run:
             self._give_up("interrupted", "stopped by the user")
             raise
         except Exception as error:
-            reason = in_one_line(error, with_type=True)
+            # An algorithm that meets such weights first lists them all.
+            reason = DIVERGED if has_diverged(self.agent) else in_one_line(error, with_type=True)
             self._give_up("failed", reason)
             raise TrialError(f"the trial in {str(self.folder)!r} failed: {reason}") from error
         self.resume_files.clear()
