@@ -110,6 +110,8 @@ RANGES: dict[str, Boolean | Whole | Number] = {
     "tau": Number(0.0, 1.0, above=True),
     "return_steps": Whole(1, 100),
     "max_shift_px": Whole(0, 100),
+    # An action looks at 2 n + 1 pictures.
+    "greedy_shift_px": Whole(0, 10),
     "symmetric_views": Boolean(),
     "largest_cost": Number(0.0, 1e6, above=True),
     "exploration_fraction": Number(0.0, 1.0, above=True),

@@ -126,7 +126,8 @@ def hyperparameters(
     """All hyperparameters of `algo`: the row's, then the task's, the preset's, and `overrides`, checked.
 
     Overrides given as text, as on a command line, are parsed to the declared type. A hyperparameter without
-    a declared type, as a row of one's own may have, is taken only with a value that the row says.
+    a declared type, as a row of one's own may have, is taken only with a value that the row says. Options
+    are left out where they have their default.
 
     Raises:
         TypeError: an override has the wrong type.
@@ -135,13 +136,14 @@ def hyperparameters(
     """
     row = entry(algo)
     merged = {**row.hyperparameters, **row.tasks.get(task, {}), **row.presets.get(preset or "", {})}
+    typed = {**row.hyperparameters, **row.options}.keys() & RANGES
     for name, value in (overrides or {}).items():
-        if name in row.hyperparameters and name in RANGES:
+        if name in typed:
             merged[name] = parse(name, value) if isinstance(value, str) else check(name, value)
         elif name not in RANGES and value in (said := _said(row, task, name)):
             merged[name] = said[said.index(value)]
         else:
-            raise unknown(f"hyperparameter of {algo}", name, sorted(row.hyperparameters.keys() & RANGES))
+            raise unknown(f"hyperparameter of {algo}", name, sorted(typed))
     if preset is not None and preset not in row.presets:
         raise unknown(f"preset of {algo}", preset, row.presets)
     if rollout_steps(algo, merged) % int(merged.get("batch_size", 1)):
@@ -149,7 +151,7 @@ def hyperparameters(
             f"n_steps must be a multiple of batch_size, which {merged['n_steps']} is not "
             f"of {merged['batch_size']}."
         )
-    return merged
+    return {name: value for name, value in merged.items() if row.options.get(name) != value}
 
 
 def _said(row: Entry, task: str, name: str) -> list[Value]:

@@ -22,6 +22,9 @@ class Entry:
     cls: str
     policy: str | None = None
     hyperparameters: Mapping[str, Value] = field(default_factory=dict)
+    # What can be set besides. At these values, which are those of the class, a trial does not record them: so
+    # what a row learns to do later leaves the trials before as they are.
+    options: Mapping[str, Value] = field(default_factory=dict)
     policy_kwargs: Mapping[str, Any] = field(default_factory=dict)
     kwargs: Mapping[str, Any] = field(default_factory=dict)
     # What `kwargs` hold besides where observations are dictionaries of an image and senses.

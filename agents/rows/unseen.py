@@ -32,6 +32,7 @@ UNSEEN: dict[str, Entry] = {
             "max_grad_norm": 10.0,
             "max_shift_px": 0,
         },
+        options={"greedy_shift_px": 0},
     ),
     "distilled": Entry(
         title="student of the best policy over beliefs; not ranked",

@@ -49,6 +49,7 @@ class DoubleDQN(DQN):
         gamma: float = 0.9,
         return_steps: int = 3,
         max_shift_px: int = 0,
+        greedy_shift_px: int = 0,
         symmetries: Any = None,
         policy_kwargs: dict[str, Any] | None = None,
         **kwargs: Any,
@@ -63,6 +64,8 @@ class DoubleDQN(DQN):
             gamma: Discount factor.
             return_steps: How many rewards a return sums.
             max_shift_px: By how many pixels images are moved sideways at most while the agent learns.
+            greedy_shift_px: By how many pixels they are moved at most for the mean of values that greedy
+                actions follow from, see `SymmetricPolicy`.
             symmetries: Those of the task (`usbench.envs.observation.symmetries`), None for none.
             policy_kwargs: As in SB3.
             kwargs: As in SB3.
@@ -73,8 +76,11 @@ class DoubleDQN(DQN):
         self.final_learning_rate = final_learning_rate
         self.return_steps = return_steps
         self.max_shift_px = max_shift_px
-        if symmetries is not None:
-            policy_kwargs = {**(policy_kwargs or {}), "symmetries": symmetries}
+        self.greedy_shift_px = greedy_shift_px
+        of_policy = {"symmetries": symmetries} if symmetries is not None else {}
+        if greedy_shift_px:
+            of_policy["greedy_shift_px"] = greedy_shift_px
+        policy_kwargs = {**(policy_kwargs or {}), **of_policy}
         kwargs.setdefault("replay_buffer_class", NStepFrameBuffer)
         of_buffer = kwargs.get("replay_buffer_kwargs") or {}
         kwargs["replay_buffer_kwargs"] = {"n_steps": return_steps, "gamma": gamma, **of_buffer}
@@ -84,7 +90,7 @@ class DoubleDQN(DQN):
 
     def _setup_model(self) -> None:
         super()._setup_model()
-        if self.max_shift_px or getattr(self.policy.q_net, "views", None) is not None:
+        if self.max_shift_px or self.greedy_shift_px or getattr(self.policy.q_net, "views", None) is not None:
             check_layout(self.observation_space)
 
     def predict(

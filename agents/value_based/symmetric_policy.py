@@ -7,7 +7,8 @@ from stable_baselines3.common.torch_layers import create_mlp
 from stable_baselines3.dqn.policies import DQNPolicy, QNetwork
 from torch import nn
 
-from usbench.agents.value_based.views import Views
+from usbench.agents.networks import IMAGE
+from usbench.agents.value_based.views import Views, moved
 
 
 class SymmetricQNetwork(QNetwork):
@@ -50,14 +51,27 @@ class SymmetricPolicy(DQNPolicy):
     """SB3's policy for DQN; its networks are of the class `SymmetricQNetwork`.
 
     Greedy actions are those of the target network, whose weights are an average of those of many updates.
+    With `greedy_shift_px` = n they are those of the mean of its values for the picture moved sideways by
+    -n to n pixels, so that details of the speckle decide less. Training is as without it.
+
+    Source: Kostrikov et al., "Image augmentation is all you need" (2021), Section 3.2, which takes such means
+    for targets.
     """
 
     q_net: SymmetricQNetwork
     q_net_target: SymmetricQNetwork
 
-    def __init__(self, *args: Any, symmetries: Any = None, canonical: bool = True, **kwargs: Any) -> None:
-        """Takes SB3's arguments, and those of `SymmetricQNetwork`."""
+    def __init__(
+        self,
+        *args: Any,
+        symmetries: Any = None,
+        canonical: bool = True,
+        greedy_shift_px: int = 0,
+        **kwargs: Any,
+    ) -> None:
+        """Takes SB3's arguments, those of `SymmetricQNetwork`, and `greedy_shift_px`."""
         self.symmetries, self.canonical = symmetries, canonical
+        self.greedy_shift_px = greedy_shift_px
         super().__init__(*args, **kwargs)
 
     @property
@@ -72,6 +86,20 @@ class SymmetricPolicy(DQNPolicy):
         return SymmetricQNetwork(**arguments, **own).to(self.device)
 
     def _predict(self, obs: Any, deterministic: bool = True) -> torch.Tensor:
-        network = self.greedy_net if deterministic else self.q_net
-        actions: torch.Tensor = network(obs).argmax(dim=1)
+        values = self._greedy_values(obs) if deterministic else self.q_net(obs)
+        actions: torch.Tensor = values.argmax(dim=1)
         return actions
+
+    def _greedy_values(self, obs: Any) -> torch.Tensor:
+        """The values `(n, n_actions)` that greedy actions follow from."""
+        shifts = range(-self.greedy_shift_px, self.greedy_shift_px + 1)
+        return torch.stack([self.greedy_net(_moved(obs, shift)) for shift in shifts]).mean(dim=0)
+
+
+def _moved(observations: Any, shift: int) -> Any:
+    """The observations with their images moved by `shift` pixels."""
+    if not shift:
+        return observations
+    images = observations[IMAGE] if isinstance(observations, dict) else observations
+    seen = moved(images, torch.full((len(images), 1), shift, device=images.device))
+    return {**observations, IMAGE: seen} if isinstance(observations, dict) else seen

@@ -123,7 +123,12 @@ def shifted(images: torch.Tensor, largest_px: int) -> torch.Tensor:
     The edge is repeated. The shifts come from PyTorch's seeded generator. Source: Kostrikov et al., "Image
     augmentation is all you need" (2021), in one direction: the depth of a pixel is known.
     """
-    n, _, width, _ = images.shape
-    shifts = torch.randint(-largest_px, largest_px + 1, (n, 1), device=images.device)
+    shifts = torch.randint(-largest_px, largest_px + 1, (len(images), 1), device=images.device)
+    return moved(images, shifts)
+
+
+def moved(images: torch.Tensor, shifts: torch.Tensor) -> torch.Tensor:
+    """Images `(n, height, width, channels)`, moved to the left by `shifts` pixels `(n, 1)`; edges repeat."""
+    width = images.shape[2]
     columns = (torch.arange(width, device=images.device) + shifts).clamp(0, width - 1)
     return images.gather(2, columns[:, None, :, None].expand_as(images))

@@ -1,3 +1,4 @@
+import inspect
 import subprocess
 import sys
 from dataclasses import replace
@@ -76,6 +77,25 @@ def test_the_table_itself_is_within_the_ranges() -> None:
 def test_overrides_win_over_preset_and_task() -> None:
     merged = zoo.hyperparameters("vpg", "fp", {"n_value_steps": "3", "gae_lambda": "0.5"}, preset="spinup")
     assert (merged["n_value_steps"], merged["gae_lambda"]) == (3, 0.5)
+
+
+def test_options_are_recorded_where_they_differ_from_their_defaults() -> None:
+    plain = zoo.hyperparameters("double_dqn", "pp-tracked")
+    assert "greedy_shift_px" not in plain
+    assert zoo.hyperparameters("double_dqn", "pp-tracked", {"greedy_shift_px": "0"}) == plain
+    changed = zoo.hyperparameters("double_dqn", "pp-tracked", {"greedy_shift_px": "2"})
+    assert changed == plain | {"greedy_shift_px": 2}
+    with pytest.raises(ValueError, match=r"greedy_shift_px must be a whole number in \[0, 10\], not 11"):
+        zoo.hyperparameters("double_dqn", "pp-tracked", {"greedy_shift_px": "11"})
+
+
+def test_options_have_the_defaults_of_their_classes() -> None:
+    found = 0
+    for algo, row in zoo.ZOO.items():
+        for name, value in row.options.items():
+            assert inspect.signature(zoo.model_class(algo).__init__).parameters[name].default == value
+            found += 1
+    assert found
 
 
 @pytest.mark.parametrize(
@@ -335,4 +355,6 @@ def test_saved_agents_go_on_where_they_were(tmp_path: Path) -> None:
 
 
 def test_every_hyperparameter_in_the_table_has_a_range() -> None:
-    assert {name for row in zoo.ZOO.values() for name in row.hyperparameters} <= RANGES.keys()
+    assert {
+        name for row in zoo.ZOO.values() for name in (*row.hyperparameters, *row.options)
+    } <= RANGES.keys()

@@ -120,7 +120,7 @@ def _algorithm(name: str) -> Table:
     if not entry.learns:
         table.add_row("--set", "nothing: it does not learn")
     elif entry.hyperparameters:
-        table.add_row("--set, defaults", _settings(entry.hyperparameters))
+        table.add_row("--set, defaults", _settings({**entry.hyperparameters, **entry.options}))
     for task, values in entry.tasks.items():
         table.add_row(f"--task {task}", _settings(values))
     for preset, values in entry.presets.items():

@@ -131,7 +131,9 @@ def test_the_focus_alone_tells_no_view_from_another(task, senses):
     assert views.mirrored[first] != views.mirrored[second]
 
 
-@pytest.mark.parametrize("settings", [{"symmetries": SYMMETRIES}, {"max_shift_px": 2}])
+@pytest.mark.parametrize(
+    "settings", [{"symmetries": SYMMETRIES}, {"max_shift_px": 2}, {"greedy_shift_px": 2}]
+)
 def test_images_with_channels_in_front_have_no_views_and_shifts(settings):
     class Transposed(gym.Env):
         observation_space, action_space = spaces.Box(0, 255, (1, 40, 30), np.uint8), spaces.Discrete(5)
@@ -221,6 +223,28 @@ def test_greedy_actions_are_those_of_the_averaged_network():
     seen = torch.randn(16, *agent.observation_space.shape)
     actions, _ = agent.predict(seen.numpy(), deterministic=True)
     assert actions.tolist() == agent.q_net_target(seen).argmax(1).tolist()
+
+
+def test_greedy_actions_can_follow_from_means_over_pictures_moved_sideways():
+    agent = model(greedy_shift_px=2).learn(32)
+    seen = np.random.default_rng(0).normal(size=(64, *agent.observation_space.shape)).astype(np.float32)
+    padded = np.pad(seen, ((0, 0), (0, 0), (2, 2), (0, 0)), mode="edge")
+    width = seen.shape[2]
+    with torch.no_grad():
+        # Both actions are good now and then.
+        agent.q_net_target.q_net[-1].bias[1:] -= agent.q_net_target(torch.tensor(seen)).mean(0)
+        values = [agent.q_net_target(torch.tensor(padded[:, :, k : k + width])).numpy() for k in range(5)]
+    expected = np.mean(values, axis=0).argmax(1)
+    assert agent.predict(seen, deterministic=True)[0].tolist() == expected.tolist()
+    assert expected.tolist() != values[2].argmax(1).tolist()
+
+
+def test_means_over_moved_pictures_leave_the_training_as_it_is(tmp_path):
+    plain, averaged = model().learn(64), model(greedy_shift_px=2).learn(64)
+    weights = zip(plain.policy.parameters(), averaged.policy.parameters(), strict=True)
+    assert all(torch.equal(one, other) for one, other in weights)
+    averaged.save(tmp_path / "model.zip")
+    assert DoubleDQN.load(tmp_path / "model.zip").policy.greedy_shift_px == 2
 
 
 def test_shifts_move_images_sideways_and_repeat_the_edge():
