@@ -113,6 +113,14 @@ def test_what_a_row_leaves_out_has_its_value_in_a_name(changed, said):
     assert names(*most, trial("vpg")) == ["vpg", "vpg", said]
 
 
+def test_an_option_that_a_trial_does_not_say_has_its_default():
+    plain = trial("double_dqn")
+    greedy = json.dumps(json.loads(plain["settings"]) | {"greedy_shift_px": 2})
+    other = trial("double_dqn", settings=greedy, configuration="00000004")
+    assert names(plain, plain, other) == [*["double_dqn"] * 2, "double_dqn greedy_shift_px=2"]
+    assert names(plain, other, other) == ["double_dqn greedy_shift_px=0", *["double_dqn"] * 2]
+
+
 def test_other_settings_with_another_noise_are_a_row_of_their_own_too():
     mixed = [trial("vpg"), trial("vpg", noise=0.25), trial("vpg", task="pp"), other(noise=0.5)]
     assert names(*mixed) == ["vpg", "vpg", "vpg", "vpg gamma=0.9"]

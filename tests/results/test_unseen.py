@@ -161,6 +161,8 @@ def test_commands_say_which_hyperparameters_are_not_the_defaults():
     command = "usbench run --algo double_dqn --task pp-tracked --steps 100000 --senses"
     assert f"{command} --seed 100" in lines
     assert f"{command} --set gamma=0.5 max_shift_px=2 --seed 100" in lines
+    lines = joined(provenance.making(made(told("pp-tracked"), changed(greedy_shift_px=2)).trials))
+    assert f"{command} --seed 100" in lines and f"{command} --set greedy_shift_px=2 --seed 100" in lines
 
 
 @pytest.mark.parametrize("settings", [{"n_envs": 1}, {"gamma": None}])

@@ -14,8 +14,10 @@ from usbench.tasks import PAPER, row_of
 REFERENCE_POLICIES = tuple(name for name, row in ZOO.items() if not row.learns)
 # Settings that a name spells out; a name with more of them has a digest in their place.
 SPELLED = 2
+# What all that the table's rows can be set to besides is, where a trial says nothing.
+OPTIONS = {name: value for row in ZOO.values() for name, value in row.options.items()}
 # Settings that are left out of a trial's row where they are so.
-UNSAID = {"n_envs": 1, "senses": "none"}
+UNSAID = {"n_envs": 1, "senses": "none", **OPTIONS}
 
 
 def named(trials: pd.DataFrame) -> pd.DataFrame:
@@ -113,8 +115,8 @@ def changed_hyperparameters(trial: pd.Series) -> dict[str, Any]:
     row = ZOO.get(trial["algo"].partition("+")[0])
     if row is None:
         return {}
-    settings = json.loads(trial["settings"])
-    wanted = {**row.hyperparameters, **row.tasks.get(trial["task"], {})}
+    settings = {**row.options, **json.loads(trial["settings"])}
+    wanted = {**row.options, **row.hyperparameters, **row.tasks.get(trial["task"], {})}
     steps = row_of(trial["task"]).steps
     if "buffer_size" in wanted:  # as `configuration.resolve` fills it in
         wanted["buffer_size"] = max(wanted["buffer_size"], steps)
