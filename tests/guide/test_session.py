@@ -260,12 +260,13 @@ def wait_for_training(session):
     return session.state()["training"]
 
 
-def leaving(finished, monkeypatch):
+def leaving(finished, monkeypatch, then=""):
     """Let a training leave `finished` where `usbench run` would, all at once; return the name there."""
     name = resolve("dqn", "pp", steps=guide_training.STEPS).folder_name
     copy = (
         f"import os, shutil, sys; runs = sys.argv[-2]; shutil.copytree({str(finished)!r}, runs + '.part'); "
         f"os.makedirs(runs, exist_ok=True); os.rename(runs + '.part', runs + '/{name}')"
+        f"{then}"
     )
     monkeypatch.setattr(guide_training, "USBENCH", [sys.executable, "-c", copy])
     return name
@@ -325,6 +326,16 @@ def test_closing_ends_the_training(session, monkeypatch):
     assert session.state()["training"]["status"] == "running"
     session.close()
     assert process.returncode is not None
+
+
+def test_another_training_lets_the_one_before_draw_its_figures(session, finished, monkeypatch):
+    leaving(finished, monkeypatch, then="; import time; time.sleep(600)")
+    assert wait_for_training(session)["status"] == "finished"
+    drawing = session.training._process
+    session.train()
+    assert session.training._process is not drawing and drawing.poll() is None
+    session.close()
+    assert drawing.returncode is not None
 
 
 def test_a_trial_of_an_agent_that_does_not_learn_is_refused(quick, tmp_path):

@@ -51,6 +51,8 @@ class QuickTraining:
         self.progress = Progress()
         self._runs = runs
         self._process: subprocess.Popen[str] | None = None
+        # Those before, whose trials are finished; they may still draw figures.
+        self._drawing: list[subprocess.Popen[str]] = []
 
     def start(self, setting: Setting) -> None:
         """Begin to train on a task with noise, unless a training is running.
@@ -66,7 +68,8 @@ class QuickTraining:
         task, noise = setting.task, setting.noise
         config = resolve(ALGO, task, noise=noise, steps=STEPS)
         command = ["run", "--algo", ALGO, "--task", task, "--noise", str(noise), "--steps", str(STEPS)]
-        self.close()
+        if self._process is not None:
+            self._drawing.append(self._process)
         self._process = subprocess.Popen(
             [*USBENCH, *command, "--out", str(self._runs), "--quiet"],
             stdin=subprocess.DEVNULL,
@@ -100,12 +103,13 @@ class QuickTraining:
 
     def close(self) -> None:
         """End the training; its records are kept. If that takes long, it ends by itself."""
-        if self._process is None:
-            return
-        self._process.terminate()
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            self._process.communicate(timeout=0.5)
-        self._process = None
+        running = [*self._drawing, *([] if self._process is None else [self._process])]
+        for process in running:
+            process.terminate()
+        for process in running:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.communicate(timeout=0.5)
+        self._drawing, self._process = [], None
 
 
 def can_train(setting: Setting) -> bool:
