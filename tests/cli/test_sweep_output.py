@@ -60,6 +60,18 @@ def test_every_batch_is_counted_from_one(capsys):
     assert told == [f"[1/1] {config.title}: finished"] * 2
 
 
+def test_a_search_says_which_candidates_go_on_and_whose_trial_has_ended(capsys):
+    config = resolve("a2c", "pp", steps=32)
+    with sweep_output.SweepBars() as bars:
+        bars.rung(1, 2, {0: None, 1: None})
+        bars.started(0, Expected({config.folder_name: 60.0}, 1))
+        bars.ended(Outcome(config, None, "candidate 1"))
+        bars.rung(2, 2, {1: 0.6789})
+    first, _, ended, second = capsys.readouterr().err.splitlines()
+    assert first == "rung 1 of 2: candidates 0, 1" and second == "rung 2 of 2: candidate 1 (0.679)"
+    assert ended == f"[1/1] {config.title}, candidate 1: finished"
+
+
 def test_a_damaged_trial_is_told_and_not_counted(capsys):
     config, damaged = resolve("stay", "pp"), resolve("random", "pp")
     with sweep_output.SweepBars() as bars:

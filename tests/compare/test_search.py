@@ -1,10 +1,12 @@
 """The search: draws of each row's own, halving, records that are enough to go on from, one winner."""
 
 import json
+import re
 import shutil
 import tomllib
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import protocols
 import pytest
@@ -27,6 +29,9 @@ class Quiet:
     expected = None
 
     def frames(self, done, total):
+        pass
+
+    def rung(self, number, n_rungs, scores):
         pass
 
     def started(self, n_finished, expected):
@@ -227,6 +232,58 @@ def test_training_that_diverged_is_recorded_and_its_candidate_comes_last(quick, 
     run(rules, tmp_path)
     assert {one[1] for one in scored(tmp_path) if one[6] is None} == {1}
     assert {one[1] for one in scored(tmp_path) if one[0] == 1} == {0, 2}
+
+
+@pytest.mark.parametrize("row", ["a2c", "dqn"])
+def test_training_whose_weights_are_no_numbers_is_one_that_diverged(row, quick, tmp_path, monkeypatch):
+    def train(agent, *_, **__):
+        for weights in agent.policy.parameters():
+            weights.data.fill_(torch.nan)
+
+    monkeypatch.setattr(zoo.model_class(row), "train", train)
+    longer = ("steps = 32", "steps = 1024"), ("steps = 64", "steps = 1024")
+    rules = protocol.read(protocols.write(tmp_path, ('rows = ["a2c", "vpg"]', f'rows = ["{row}"]'), *longer))
+    with pytest.raises(RuntimeError, match=f"no candidate of {row} has a score"):
+        run(rules, tmp_path, row=row)
+
+
+@pytest.mark.parametrize("where", ["records", "runs"])
+def test_a_folder_that_cannot_be_written_is_refused_before_anything_is_simulated(where, rules, tmp_path):
+    class Watching(Quiet):
+        def frames(self, done, total):
+            raise AssertionError("frames are simulated")
+
+    (tmp_path / "file").write_text("")
+    folders = {"records": tmp_path / "search", "runs": tmp_path / "runs", where: tmp_path / "file"}
+    what = {"records": "folder of the records", "runs": "output folder"}[where]
+    with pytest.raises(records.ConfigurationError, match=f"the {what} '.*file' cannot be written .Not a dir"):
+        search.run("a2c", rules, folders["records"], folders["runs"], Watching())
+    assert not (tmp_path / "search").exists() and not (tmp_path / "runs").exists()
+
+
+def test_candidates_of_a_rung_are_told_with_their_scores(quick, rules, tmp_path):
+    told = []
+
+    class Telling(Quiet):
+        def rung(self, number, n_rungs, scores):
+            told.append((number, n_rungs, scores))
+
+        def ended(self, outcome):
+            told.append(outcome.title)
+
+    winner = run(rules, tmp_path, Telling())
+    assert told[0] == (1, 2, dict.fromkeys(range(3)))
+    assert sorted(title[-11:] for title in told[1:7]) == sorted(2 * [f"candidate {k}" for k in range(3)])
+    number, n_rungs, scores = told[7]
+    assert (number, n_rungs) == (2, 2) and winner.candidate in scores
+    assert [*scores.values()] == sorted(scores.values(), reverse=True)
+
+
+def test_the_protocol_in_the_documentation_is_one(tmp_path):
+    text = (Path(__file__).parents[2] / "docs" / "protocol.md").read_text(encoding="utf-8")
+    (example,) = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
+    rules = protocol.read(protocols.write(tmp_path, text=example))
+    assert rules.search.n_trials() == (4, 2) and not rules.is_of_the_package
 
 
 def test_search_in_which_every_training_diverged_has_no_winner(quick, rules, tmp_path, monkeypatch):

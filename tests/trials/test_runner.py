@@ -194,7 +194,7 @@ def test_a_training_that_diverges_fails_and_says_so(algo, quick, tmp_path, monke
     with pytest.raises(runner.TrialError, match=r"failed: the training diverged: .* smaller learning rate$"):
         run(tmp_path, algo=algo, steps=160, overrides={"learning_starts": 16} if algo == "dqn" else {})
     (folder,) = records.trial_folders(tmp_path)
-    assert read_state(folder)["reason"] == callback.DIVERGED
+    assert read_state(folder)["reason"] == records.DIVERGED
 
 
 def test_trial_whose_agent_cannot_be_made_leaves_no_file_open(quick, tmp_path, monkeypatch):

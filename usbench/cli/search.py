@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from usbench.cli.arguments import GOES_ON, add_sweep, tell_watcher
+
+if TYPE_CHECKING:
+    from usbench.compare import protocol, search
 
 EXAMPLES = """examples:
   usbench search --algo ppo
   usbench search
       every row of the protocol, one after the other
   usbench search --algo dqn --protocol mine.toml --records mine
-      candidates, rungs and seeds of a protocol of yours (docs/protocol.md)
+      candidates, rungs and seeds of a protocol of yours (docs/protocol.md
+      shows one)
 
 The same command goes on where it was stopped, on another machine too if the
 records are there.
@@ -27,8 +32,8 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         parents=[debug],
         epilog=EXAMPLES,
         help="choose hyperparameters by the protocol",
-        description="Train candidates of one algorithm or of all, round by round, by the protocol; the table "
-        "of algorithms takes the winner.",
+        description="Train candidates of one algorithm or of all, round by round, by the protocol. The table "
+        "of algorithms takes the winner, unless it was chosen by a protocol of yours.",
     )
     search.add_argument(
         "--algo", metavar="NAME", help="a row of the protocol's search, for example ppo (default: all)"
@@ -60,5 +65,16 @@ def _call(args: argparse.Namespace) -> None:
     for row in rows:
         with sweep_output.SweepBars(args.quiet) as bars:
             winner = search.run(row, rules, args.records, args.out / "search", bars, jobs=jobs)
-        values = ", ".join(f"{name}={value}" for name, value in winner.hyperparameters.items())
-        print(f"{row}: candidate {winner.candidate}, score {winner.score:.3f}: {values}", flush=True)
+        _tell(winner, rules)
+
+
+def _tell(winner: search.Winner, rules: protocol.Protocol) -> None:
+    """Print who has won, and what is to be done with it."""
+    from usbench.compare.model_card import as_set
+
+    values = " ".join(f"{name}={as_set(value)}" for name, value in winner.hyperparameters.items())
+    print(f"{winner.row}: candidate {winner.candidate}, score {winner.score:.3f}: {values}")
+    if not rules.is_of_the_package:
+        command = f"usbench run --algo {winner.row} --task {rules.search.tasks[0]} --set {values}"
+        print(f"The table of algorithms stays as it is.\nnext: {command}")
+    sys.stdout.flush()

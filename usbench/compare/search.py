@@ -7,6 +7,7 @@ those that are left with more steps than the rung before, and keeps the best by 
 import json
 import math
 import tempfile
+import typing
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -34,16 +35,22 @@ class Winner:
     hyperparameters: Mapping[str, Any]
 
 
+class Progress(sweep.Progress, typing.Protocol):
+    """What a search tells while it runs."""
+
+    def rung(self, number: int, n_rungs: int, scores: Mapping[int, float | None]) -> None:
+        """A rung begins, from 1 on, with the candidates of `scores`: those of the rung before, or None."""
+
+
 def check_row(protocol: Protocol, row: str) -> str:
     """Return `row`; ConfigurationError if the protocol does not search it."""
     if row not in protocol.search.rows:
-        raise ConfigurationError(str(unknown("row of the search", row, protocol.search.rows)))
+        refused = unknown("row of the search", row, protocol.search.rows)
+        raise ConfigurationError(f"{refused} For other algorithms docs/submit.md says how to choose them.")
     return row
 
 
-def run(
-    row: str, protocol: Protocol, folder: Path, out: Path, progress: sweep.Progress, **kwargs: Any
-) -> Winner:
+def run(row: str, protocol: Protocol, folder: Path, out: Path, progress: Progress, **kwargs: Any) -> Winner:
     """Run what is missing of a row's search; return the winner, which the table of algorithms takes over.
 
     Killed at any time and started again, a search ends with the same winner; of its trials only those that
@@ -68,9 +75,12 @@ def run(
     record = SearchRecord(folder, check_row(protocol, row), protocol)
     if protocol.is_of_the_package:
         _check_writable()
+    record.check_writable()
     left: Sequence[int] = range(protocol.search.candidates)
     scores: dict[int, float] = {}
     for number, rung in enumerate(protocol.search.rungs):
+        told = {candidate: scores.get(candidate) for candidate in left}
+        progress.rung(number + 1, len(protocol.search.rungs), told)
         planned = plan(record, protocol, number, left)
         _run_rung(record, planned, protocol, out, progress, **kwargs)
         scores = mean_scores(record, number)
@@ -125,7 +135,7 @@ def _run_rung(
     planned: Mapping[Place, TrialConfig],
     protocol: Protocol,
     out: Path,
-    progress: sweep.Progress,
+    progress: Progress,
     **kwargs: Any,
 ) -> None:
     for place, config in planned.items():
@@ -136,11 +146,12 @@ def _run_rung(
     recording = _Recording(record, missing, protocol, out, progress)
     outcomes = sweep.run(list(missing.values()), out, recording, evaluates_on_the_way=False, **kwargs)
     reasons = {outcome.config.folder_name: outcome.reason for outcome in outcomes}
-    failed = [config for place, config in missing.items() if place not in record.trials]
+    failed = [(place, config) for place, config in missing.items() if place not in record.trials]
     if failed:
+        place, config = failed[0]
         raise RuntimeError(
-            f"{len(failed)} of {len(missing)} trials failed, as {failed[0].title}: "
-            f"{reasons[failed[0].folder_name]}; the same command tries them again."
+            f"{len(failed)} of {len(missing)} trials failed, as {config.title}, candidate {place.candidate}: "
+            f"{reasons[config.folder_name]}; the same command tries them again."
         )
 
 
@@ -153,7 +164,7 @@ class _Recording:
         missing: Mapping[Place, TrialConfig],
         protocol: Protocol,
         out: Path,
-        progress: sweep.Progress,
+        progress: Progress,
     ) -> None:
         self._record, self._protocol, self._out = record, protocol, out
         self._places = {config.folder_name: place for place, config in missing.items()}
@@ -166,8 +177,9 @@ class _Recording:
 
     def ended(self, outcome: sweep.Outcome) -> None:
         """Record the trial, and tell."""
-        self._record.add(self._places[outcome.config.folder_name], outcome.config, self._out)
-        self._progress.ended(outcome)
+        place = self._places[outcome.config.folder_name]
+        self._record.add(place, outcome.config, self._out)
+        self._progress.ended(replace(outcome, note=f"candidate {place.candidate}"))
 
     def _with_later_rungs(self, expected: Expected) -> Expected:
         """Return how long the trials of this rung and of those after it take that are not recorded.

@@ -19,8 +19,9 @@ from usbench.records.journal import append_all, cut_torn_line, read_rows
 from usbench.records.lock import locked
 
 # What a training that diverges fails with; anything else is the machine's, as memory is that PyTorch lacks.
-DIVERGED = ("ValueError", "RuntimeError", "FloatingPointError")
+DIVERGED = (records.DIVERGED, "ValueError", "RuntimeError", "FloatingPointError")
 NO_MEMORY = "allocate memory"
+_FOLDER = "folder of the records"
 # Of each trial, beside its place.
 RECORDED = ("steps", "score", "training_s", "trial")
 
@@ -87,6 +88,10 @@ class SearchRecord:
         self._append(place, told)
         return True
 
+    def check_writable(self) -> None:
+        """Raise ConfigurationError if its folder cannot be written."""
+        records.check_writable(self.path.parent, _FOLDER)
+
     def seconds_per_step(self) -> float | None:
         """Return what a training step has taken so far; None before the first trial."""
         steps = sum(one["steps"] for one in self.trials.values())
@@ -105,7 +110,7 @@ class SearchRecord:
                 one = {**vars(place), **told}
                 append_all(self.path, [one] if begun else [self._head, one])
         except OSError as error:
-            raise records.unwritable(self.path.parent, error) from error
+            raise records.unwritable(self.path.parent, error, _FOLDER) from error
         self.trials[place] = told
 
     def _read(self) -> dict[Place, dict[str, Any]]:

@@ -21,7 +21,7 @@ from typing import Any, NoReturn, Protocol
 from usbench.agents.zoo import entry
 from usbench.compare import expected
 from usbench.compare.expected import Expected
-from usbench.records import ConfigurationError, TrialConfig
+from usbench.records import ConfigurationError, TrialConfig, check_writable
 from usbench.setting import Setting
 from usbench.trials import runner
 from usbench.trials.finished import find_finished
@@ -33,10 +33,19 @@ RETRIES = 2
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a trial ended: `reason` is None if it is finished, else why it is not."""
+    """How a trial ended: `reason` is None if it is finished, else why it is not.
+
+    A `note` says for what it was trained, where the configuration does not.
+    """
 
     config: TrialConfig
     reason: str | None
+    note: str = ""
+
+    @property
+    def title(self) -> str:
+        """The trial in words."""
+        return f"{self.config.title}, {self.note}" if self.note else self.config.title
 
 
 class Progress(Protocol):
@@ -100,8 +109,10 @@ def run(
             ResumeFiles(out / outcome.config.folder_name, 0.0).clear()
     damaged = [outcome for outcome in outcomes if outcome.reason is not None]
     missing = [config for config in configs if known[config.folder_name] is None]
-    # Once, before the workers start: they would all simulate the same frames.
+    if missing:
+        check_writable(out)
     looking = [config for config in missing if entry(config.algo).looks]
+    # Once, before the workers start: they would all simulate the same frames.
     for setting in dict.fromkeys(_of_frames(config) for config in looking):
         setting.prepare_frames(progress.frames)
     progress.started(len(outcomes) - len(damaged), expected.trials(missing, out, jobs))

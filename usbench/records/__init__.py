@@ -21,6 +21,7 @@ from usbench.records.folder import (
     TENSORBOARD,
     TRIAL,
     WEIGHTS,
+    check_writable,
     create,
     existing,
     model_in,
@@ -29,10 +30,20 @@ from usbench.records.folder import (
     unwritable,
     without_record,
 )
-from usbench.records.trial import EXPLORATION, Frames, Trial, TrialError, load, load_trials, means
+from usbench.records.trial import (
+    DIVERGED,
+    EXPLORATION,
+    Frames,
+    Trial,
+    TrialError,
+    load,
+    load_trials,
+    means,
+)
 
 __all__ = [
     "CHECKPOINTS",
+    "DIVERGED",
     "EPISODES",
     "EVALUATIONS",
     "EXPLORATION",
@@ -51,6 +62,7 @@ __all__ = [
     "Trial",
     "TrialError",
     "TrialConfig",
+    "check_writable",
     "create",
     "existing",
     "identity",

@@ -8,6 +8,7 @@ them, `replay.gif` and `learning_curve.png`.
 
 import re
 import shutil
+import tempfile
 from pathlib import Path
 
 from usbench.atomic import atomic_file, remove_leftovers
@@ -44,10 +45,24 @@ def create(out: Path, config: TrialConfig) -> Path:
     return folder
 
 
-def unwritable(out: Path, error: OSError) -> ConfigurationError:
-    """Return the error for an output folder that cannot be written."""
+def check_writable(folder: Path, what: str = "output folder") -> None:
+    """Refuse a folder, which need not be there yet, before long work rather than after.
+
+    Raises:
+        ConfigurationError: If nothing can be written there, nor where it would be made.
+    """
+    there = next(place for place in (folder.absolute(), *folder.absolute().parents) if place.exists())
+    try:
+        with tempfile.TemporaryFile(dir=there):
+            pass
+    except OSError as error:
+        raise unwritable(folder, error, what) from error
+
+
+def unwritable(out: Path, error: OSError, what: str = "output folder") -> ConfigurationError:
+    """Return the error for a folder that cannot be written; `what` it is."""
     return ConfigurationError(
-        f"the output folder {str(out)!r} cannot be written ({error.strerror}): choose another folder."
+        f"the {what} {str(out)!r} cannot be written ({error.strerror}): choose another folder."
     )
 
 

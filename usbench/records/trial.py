@@ -56,6 +56,10 @@ class Frames:
     poses: Count = 0
 
 
+# The reason of a trial whose network has weights that are no numbers.
+DIVERGED = "the training diverged: its network has weights that are no numbers; try a smaller learning rate"
+
+
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class Trial:
     """One trial as its `trial.json` tells it; the attributes are the keys of that file unless said otherwise.

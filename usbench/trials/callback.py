@@ -11,13 +11,12 @@ from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.type_aliases import TrainFrequencyUnit
 
 from usbench.agents.model_state import has_diverged
-from usbench.records import Episode
+from usbench.records import DIVERGED, Episode
 from usbench.records.journal import Journal
 from usbench.trials import tensorboard
 from usbench.trials.evaluation import Evaluator
 
 RECENT_EPISODES = 20
-DIVERGED = "the training diverged: its network has weights that are no numbers; try a smaller learning rate"
 
 
 class Progress(Protocol):

@@ -22,7 +22,7 @@ from usbench.records import Trial, TrialConfig, TrialError, checksums
 from usbench.records.lock import locked
 from usbench.setting import Setting
 from usbench.trials import rehearsal
-from usbench.trials.callback import DIVERGED, Progress, Silent
+from usbench.trials.callback import Progress, Silent
 from usbench.trials.configuration import versions
 from usbench.trials.evaluation import Evaluator, explores
 from usbench.trials.finished import find_finished
@@ -167,7 +167,7 @@ class _Run:
             raise
         except Exception as error:
             # An algorithm that meets such weights first lists them all.
-            reason = DIVERGED if has_diverged(self.agent) else in_one_line(error, with_type=True)
+            reason = records.DIVERGED if has_diverged(self.agent) else in_one_line(error, with_type=True)
             self._give_up("failed", reason)
             raise TrialError(f"the trial in {str(self.folder)!r} failed: {reason}") from error
         self.resume_files.clear()

@@ -2,7 +2,7 @@
 
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
@@ -48,6 +48,12 @@ class SweepBars:
             self._quarter = 4 * done // total
             self._say(f"simulating frames: {done} of {total}")
 
+    def rung(self, number: int, n_rungs: int, scores: Mapping[int, float | None]) -> None:
+        """A search begins a rung with the candidates of `scores`, those of the rung before, or None."""
+        told = [f"{name}" if score is None else f"{name} ({score:.3f})" for name, score in scores.items()]
+        words = "candidate" if len(told) == 1 else "candidates"
+        self._say(f"rung {number} of {n_rungs}: {words} {', '.join(told)}")
+
     def started(self, n_finished: int, expected: Expected) -> None:
         """The trials of `expected` will run, and `n_finished` are finished."""
         self._expected, self._ends, self._begun = expected, list[End](), time.monotonic()
@@ -62,7 +68,7 @@ class SweepBars:
     def ended(self, outcome: Outcome) -> None:
         """A trial has ended, or was found damaged."""
         if outcome.config.folder_name not in self._expected.each:
-            self._say(f"{outcome.config.title}: damaged")
+            self._say(f"{outcome.title}: damaged")
             return
         finished = outcome.reason is None
         self._ends.append(End(outcome.config.folder_name, time.monotonic() - self._begun, finished))
@@ -71,7 +77,7 @@ class SweepBars:
         goes_on = n_ended < n_missing or self._expected.later
         left = f"{duration(seconds)} left" if goes_on and seconds is not None else ""
         self._bar.update(self._task, completed=n_ended, left=left)
-        told = f"[{n_ended}/{n_missing}] {outcome.config.title}: {'finished' if finished else 'failed'}"
+        told = f"[{n_ended}/{n_missing}] {outcome.title}: {'finished' if finished else 'failed'}"
         self._say(f"{told}, {left}" if left else told)
 
     def retried(self, config: TrialConfig) -> None:
@@ -86,4 +92,4 @@ class SweepBars:
 def failures(outcomes: Sequence[Outcome]) -> list[str]:
     """Return a line with its reason for each trial that failed."""
     failed = [outcome for outcome in outcomes if outcome.reason is not None]
-    return [f"{outcome.config.title} failed: {outcome.reason}" for outcome in failed]
+    return [f"{outcome.title} failed: {outcome.reason}" for outcome in failed]
