@@ -4,6 +4,9 @@
 the package. Each plays the evaluation episodes of its task with greedy actions, once with each `--noise`: the
 same episodes, with the same slips, that agents trained with that noise meet. Scores are anchored for each
 noise by itself. Trials that differ in their seed alone have an interquartile mean (IQM) below them.
+
+With `--greedy-shift-px 2` agents of `double_dqn` take the actions of means over pictures moved sideways by up
+to so many pixels, whatever they were trained with: the training is the same.
 """
 
 import argparse
@@ -15,14 +18,16 @@ import torch
 from rich.console import Console
 from rich.table import Table
 
+from usbench.agents.hyperparameters import check
 from usbench.checks import probability
-from usbench.records import TrialConfig
+from usbench.records import ConfigurationError, TrialConfig
 from usbench.results import stats
 from usbench.setting import Setting
 from usbench.trials.evaluation import Evaluator
 from usbench.trials.model_loading import load_agent
 
 NOISES = (0.0, 0.25, 0.5)
+SHIFT = "greedy_shift_px"
 
 
 @dataclass(frozen=True)
@@ -39,14 +44,24 @@ class Examined:
         return replace(self.config, seed=0)
 
 
-def examine(place: str, noises: Sequence[float]) -> Examined:
+def examine(place: str, noises: Sequence[float], shift_px: int | None = None) -> Examined:
     """Return how the agent of a trial, or of the package, does with each noise.
 
+    Args:
+        place: Folder of the trial, or name of the agent.
+        noises: Probabilities of a slip.
+        shift_px: In place of the agent's own `greedy_shift_px`, None to keep it.
+
     Raises:
-        ConfigurationError: If there is no such agent.
+        ConfigurationError: If there is no such agent, or its actions do not follow from such means.
     """
     loaded = load_agent(place)
     setting = Setting.recorded(loaded.config)
+    if shift_px is not None:
+        policy = getattr(loaded.agent, "policy", None)
+        if not hasattr(policy, SHIFT):
+            raise ConfigurationError(f"{place} takes no {SHIFT}: allowed are agents of double_dqn.")
+        setattr(policy, SHIFT, check(SHIFT, shift_px))
     played = [_played(loaded.agent, replace(setting, noise=noise)) for noise in noises]
     return Examined(loaded.config, *zip(*played, strict=True))
 
@@ -88,11 +103,14 @@ def main() -> None:
     parser.add_argument(
         "--noise", nargs="+", type=float, default=NOISES, metavar="P", help="default: 0 0.25 0.5"
     )
+    parser.add_argument(
+        "--greedy-shift-px", type=int, metavar="N", help="as usbench run --set takes it (default: as trained)"
+    )
     args = parser.parse_args()
     torch.set_num_threads(1)  # as in training: the bits do not depend on the machine
     try:
         noises = [probability("noise", noise) for noise in args.noise]
-        examined = [examine(place, noises) for place in args.agents]
+        examined = [examine(place, noises, args.greedy_shift_px) for place in args.agents]
     except ValueError as error:
         parser.error(str(error))
     Console(width=110).print(table(examined, noises))

@@ -7,6 +7,7 @@ import noise
 import pytest
 
 from usbench.records import Trial
+from usbench.trials import runner
 from usbench.trials.configuration import resolve
 
 
@@ -17,6 +18,17 @@ def test_an_agent_examined_with_its_own_noise_has_its_own_score(finished):
     assert found.scores[0] == pytest.approx(own["normalized_score"].mean(), abs=1e-9)
     assert found.at_goal[0] == own["is_success"].mean()
     assert found.scores[1] != found.scores[0]
+
+
+def test_agents_can_be_examined_with_means_over_moved_pictures(quick, tmp_path):
+    def trained(seed, **changed):
+        config = resolve("double_dqn", "pp-tracked", seed=seed, steps=512, overrides=changed)
+        return str(runner.run_trial(config, tmp_path).folder)
+
+    averaged, plain = trained(0, greedy_shift_px=2), trained(0)
+    found = noise.examine(plain, [0.0], 2)
+    assert found == replace(noise.examine(averaged, [0.0]), config=found.config)
+    assert found.scores != noise.examine(plain, [0.0]).scores
 
 
 def test_the_mean_is_of_agents_that_differ_in_their_seed_alone():
@@ -30,7 +42,15 @@ def test_the_mean_is_of_agents_that_differ_in_their_seed_alone():
 
 @pytest.mark.parametrize(
     ("argv", "said"),
-    [(["best:pp", "--noise", "2"], "a probability in [0, 1]"), (["best:nothing"], "best:pp")],
+    [
+        (["best:pp", "--noise", "2"], "a probability in [0, 1]"),
+        (["best:nothing"], "best:pp"),
+        (
+            ["best:pp", "--greedy-shift-px", "2"],
+            "best:pp takes no greedy_shift_px: allowed are agents of double",
+        ),
+        (["best:pp-tracked", "--greedy-shift-px", "11"], "greedy_shift_px must be a whole number in [0, 10]"),
+    ],
 )
 def test_what_cannot_be_examined_is_refused(monkeypatch, capsys, argv, said):
     monkeypatch.setattr(sys, "argv", ["noise.py", *argv])
