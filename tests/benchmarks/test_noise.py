@@ -7,8 +7,9 @@ import noise
 import pytest
 
 from usbench.records import Trial
-from usbench.trials import runner
+from usbench.setting import Setting
 from usbench.trials.configuration import resolve
+from usbench.trials.model_loading import load_agent
 
 
 def test_an_agent_examined_with_its_own_noise_has_its_own_score(finished):
@@ -20,15 +21,13 @@ def test_an_agent_examined_with_its_own_noise_has_its_own_score(finished):
     assert found.scores[1] != found.scores[0]
 
 
-def test_agents_can_be_examined_with_means_over_moved_pictures(quick, tmp_path):
-    def trained(seed, **changed):
-        config = resolve("double_dqn", "pp-tracked", seed=seed, steps=512, overrides=changed)
-        return str(runner.run_trial(config, tmp_path).folder)
-
-    averaged, plain = trained(0, greedy_shift_px=2), trained(0)
-    found = noise.examine(plain, [0.0], 2)
-    assert found == replace(noise.examine(averaged, [0.0]), config=found.config)
-    assert found.scores != noise.examine(plain, [0.0]).scores
+def test_agents_can_be_examined_with_means_over_moved_pictures(quick):
+    plain, averaged = load_agent("best:pp-tracked"), load_agent("best:pp-tracked")
+    averaged.agent.policy.greedy_shift_px = 2
+    setting = Setting.recorded(plain.config)
+    scores = [noise._played(one.agent, setting)[0] for one in (plain, averaged)]
+    found = [noise.examine("best:pp-tracked", [0.0], shift).scores for shift in (None, 0, 2)]
+    assert found == [(scores[0],), (scores[0],), (scores[1],)] and scores[0] != scores[1]
 
 
 def test_the_mean_is_of_agents_that_differ_in_their_seed_alone():
