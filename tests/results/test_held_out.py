@@ -133,13 +133,24 @@ def test_an_agent_that_is_told_its_actions_is_told_them_there_too(quick, tmp_pat
 
 
 @pytest.mark.parametrize(("option", "value"), [("--algos", "nope"), ("--tasks", "exam"), ("--noise", "0.3")])
-def test_what_no_trial_has_is_refused_before_anything_is_written(tmp_path, capsys, option, value):
+def test_what_no_trial_has_is_refused_before_anything_is_written(
+    tmp_path, monkeypatch, capsys, option, value
+):
     (tmp_path / "runs").mkdir()
-    board = tmp_path / "own.md"
-    command = ["transfer", "--runs", str(tmp_path / "runs"), "--leaderboard", str(board), "--quiet"]
-    assert cli.main([*command, option, value]) == 2
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["transfer", "--quiet", option, value]) == 2
     assert "there is no such trial to test with" in capsys.readouterr().err
-    assert not (tmp_path / "own_files").exists()
+    assert [path.name for path in tmp_path.iterdir()] == ["runs"]
+
+
+def test_a_leaderboard_that_is_named_and_has_no_tables_is_refused(finished, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    # There are tables, which a misspelt name must not mean.
+    tables.write(tables.collect(finished.parent), tmp_path / "leaderboard_files")
+    assert cli.main(["transfer", "--quiet", "--leaderboard", "nowhere/leaderbord.md"]) == 2
+    error = capsys.readouterr().err
+    assert "the leaderboard 'nowhere/leaderbord.md' has no tables" in error and error.count("\n") == 1
+    assert not (tmp_path / "nowhere").exists()
 
 
 def test_one_cell_can_be_tested_alone(tmp_path):
