@@ -134,12 +134,19 @@ def test_a_trial_plays_as_it_does_elsewhere(place, finished):
         (["--task", "pp", "--agent", "best:fp"], "was trained on 'fp'"),
         (["--task", "setup-v0", "--agent", "best"], "no trained agent 'best:setup-v0'"),
         (["--task", "pp", "--agent", "random", "--noise", "2"], "2"),
+        (["--task", "pp", "--agent", "random", "--seed", "-1"], "seed must be a whole number in [0, "),
+        (["--task", "pp", "--agent", "random", "--out", __file__], "is a file): choose another"),
+        (["--task", "pp", "--agent", "random", "--out", f"{__file__}/below"], "is a file): choose another"),
     ],
 )
-def test_what_cannot_be_played_is_refused_in_one_sentence(place, capsys, argv, said):
+@pytest.mark.parametrize("installed", [True, False])
+def test_what_cannot_be_played_is_refused_in_one_sentence(place, capsys, monkeypatch, argv, said, installed):
+    if not installed:  # which is not what is wrong first
+        monkeypatch.setattr(minari_files, "find_spec", lambda _: None)
     assert cli.main(["dataset", *argv]) == 2
     error = capsys.readouterr().err
     assert said in error and error.count("\n") == 1
+    assert not place.exists()
 
 
 def test_a_data_set_that_is_there_is_never_overwritten(place, capsys):
@@ -193,10 +200,11 @@ def test_minari_passes_over_what_a_killed_process_left(place):
     assert minari.namespace.list_local_namespaces() == ["usbench/pp"]
 
 
-def test_without_minari_one_sentence_says_what_to_install(monkeypatch):
+def test_without_minari_one_sentence_says_what_to_install(place, monkeypatch):
     monkeypatch.setattr("usbench.datasets.minari_files.find_spec", lambda _: None)
     with pytest.raises(ConfigurationError, match=r"pip install 'usbench\[minari\]' \(in a clone"):
-        minari_files.check_installed()
+        minari_files.write("pp", "random", 1)
+    assert not place.exists()
 
 
 def test_the_environment_is_made_by_gymnasium_alone(place):

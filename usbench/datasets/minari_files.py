@@ -4,7 +4,7 @@ import contextlib
 import os
 import time
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import version
 from importlib.util import find_spec
@@ -64,16 +64,20 @@ def write(
         not at all.
 
     Raises:
-        ConfigurationError: If a value is not allowed, the data set is there already, or Minari is missing.
+        ConfigurationError: If a value is not allowed, Minari is missing, or the data set is there already.
     """
-    check_installed()
     setting = Setting(task=task, noise=noise)
     with as_configuration_error():
         n_episodes, seed = whole_number("episodes", n_episodes, 1, MAX_EPISODES), check_seed(seed)
+    if out is not None:
+        _check_place(out)
+    opened = {who: episodes.open_agent(who, setting, seed) for who in episodes.names(agent)}
+    check_installed()
     name = dataset_name(setting, agent)
+    # Last of what may be refused: it leaves folders.
     with _place(out):
         folder = _new_folder(name)
-    setting, played = _played(setting, agent, n_episodes, seed, tell)
+    setting, played = _played(setting, opened, n_episodes, seed, tell)
     tell("writing the data set")
     anchors = setting.anchors()
     # Its name begins with a dot, so that Minari passes over what a killed process leaves.
@@ -134,6 +138,13 @@ def _place(out: Path | None) -> Iterator[None]:
             os.environ[PLACE] = before
 
 
+def _check_place(out: Path) -> None:
+    """Raise ConfigurationError if a file is where the folder `out`, or one above it, would be."""
+    there = next(one for one in (out, *out.absolute().parents) if os.path.exists(one))
+    if not os.path.isdir(there):
+        raise records.unwritable(out, NotADirectoryError(None, f"{str(there)!r} is a file"))
+
+
 def _new_folder(name: str) -> Path:
     from minari.storage import get_dataset_path
 
@@ -148,24 +159,29 @@ def _new_folder(name: str) -> Path:
 
 
 def _played(
-    setting: Setting, agent: str, n_episodes: int, seed: int, tell: Callable[[str], None]
+    setting: Setting,
+    opened: Mapping[str, tuple[Any, Setting]],
+    n_episodes: int,
+    seed: int,
+    tell: Callable[[str], None],
 ) -> tuple[Setting, list[Played]]:
-    """Play all episodes; return the setting with what the agent is told, and them in the data set's order."""
-    who = episodes.names(agent)
-    opened = [episodes.open_agent(name, setting, seed) for name in who]
+    """Play all episodes with the agents, opened by `episodes.open_agent`, in turn.
+
+    Returns:
+        The setting with what the agents are told, and the episodes in the data set's order.
+    """
     # At most one agent has learned; the others need no observation, and show what it is told.
-    told_to = next((own for _, own in opened if own.senses != setting.senses), setting)
-    tell(
-        f"{n_episodes} episode{'' if n_episodes == 1 else 's'} of {setting.task}, played by {', '.join(who)}"
-    )
+    told_to = next((own for _, own in opened.values() if own.senses != setting.senses), setting)
+    whom = ", ".join(opened)
+    tell(f"{n_episodes} episode{'' if n_episodes == 1 else 's'} of {setting.task}, played by {whom}")
     if setting.row.every_frame and not setting.row.phantoms:
         tell("simulating the frames that are not kept yet")
         setting.prepare_frames()
     seeds = np.random.SeedSequence(seed).generate_state(n_episodes).astype(int).tolist()
     played: dict[int, Played] = {}
     begun, told = time.monotonic(), 0.0
-    for part, (name, (acting, seen)) in enumerate(zip(who, opened, strict=True)):
-        numbers = range(part, n_episodes, len(who))
+    for part, (name, (acting, seen)) in enumerate(opened.items()):
+        numbers = range(part, n_episodes, len(opened))
         shown = replace(seen, senses=told_to.senses)
         own = episodes.play(acting, name, shown, [seeds[number] for number in numbers])
         for number, episode in zip(numbers, own, strict=True):
