@@ -218,6 +218,18 @@ def test_a_second_argument_is_refused_with_what_the_command_takes(capsys, comman
     assert f"runs/two: usbench {command} takes one argument ({argument})" in said
 
 
+@pytest.mark.parametrize(
+    ("argv", "takes"),
+    [
+        (["cache", "foo"], "options alone (--debug, --clear)"),
+        (["defaults", "probe", "foo"], "one argument (KIND)"),
+        (["plot", "mine", "--format", "png", "--out", "here", "foo"], "all of its arguments (RUNS) before"),
+    ],
+)
+def test_an_argument_that_nothing_takes_is_refused_with_what_is_allowed(capsys, argv, takes):
+    assert f"unrecognized arguments: foo: usbench {argv[0]} takes {takes}" in refusal(capsys, *argv)
+
+
 def test_help_shows_examples_and_does_not_wait_for_torch():
     code = "import sys; from usbench.cli import main; sys.exit(main(['--help']) or 'torch' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)

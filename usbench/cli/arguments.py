@@ -40,13 +40,19 @@ class Parser(argparse.ArgumentParser):
         if first.startswith("-"):
             hint = did_you_mean(first, self._option_string_actions, cutoff=0.7)
         else:
-            # More than one where the shell makes several folders of runs/pp-*.
-            hint = "".join(
-                f": {self.prog} takes one argument ({action.metavar})"
-                for action in self._get_positional_actions()
-                if action.nargs in (None, "?")
-            )
+            # There may be several where the shell makes folders of runs/pp-*.
+            hint = f": {self.prog} takes {self._arguments()}"
         self.error(f"unrecognized arguments: {' '.join(rest)}{hint}")
+
+    def _arguments(self) -> str:
+        """Return in words what this command takes beside the values of its options."""
+        named = self._get_positional_actions()
+        if not named:
+            names = [action.option_strings[-1] for action in self._actions if action.dest != "help"]
+            return f"options alone ({', '.join(names)})"
+        if named[0].nargs in (None, "?"):
+            return f"one argument ({named[0].metavar})"
+        return f"all of its arguments ({named[0].metavar}) before its options"
 
     def error(self, message: str) -> NoReturn:
         """Exit with the status of what is refused."""
