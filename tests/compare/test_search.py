@@ -256,7 +256,9 @@ def test_a_folder_that_cannot_be_written_is_refused_before_anything_is_simulated
     (tmp_path / "file").write_text("")
     folders = {"records": tmp_path / "search", "runs": tmp_path / "runs", where: tmp_path / "file"}
     what = {"records": "folder of the records", "runs": "output folder"}[where]
-    with pytest.raises(records.ConfigurationError, match=f"the {what} '.*file' cannot be written .Not a dir"):
+    with pytest.raises(
+        records.ConfigurationError, match=f"the {what} '.*file' cannot be written .* is a file"
+    ):
         search.run("a2c", rules, folders["records"], folders["runs"], Watching())
     assert not (tmp_path / "search").exists() and not (tmp_path / "runs").exists()
 

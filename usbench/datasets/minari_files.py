@@ -70,7 +70,7 @@ def write(
     with as_configuration_error():
         n_episodes, seed = whole_number("episodes", n_episodes, 1, MAX_EPISODES), check_seed(seed)
     if out is not None:
-        _check_place(out)
+        records.check_writable(out)
     opened = {who: episodes.open_agent(who, setting, seed) for who in episodes.names(agent)}
     check_installed()
     name = dataset_name(setting, agent)
@@ -136,13 +136,6 @@ def _place(out: Path | None) -> Iterator[None]:
             del os.environ[PLACE]
         elif before is not None:
             os.environ[PLACE] = before
-
-
-def _check_place(out: Path) -> None:
-    """Raise ConfigurationError if a file is where the folder `out`, or one above it, would be."""
-    there = next(one for one in (out, *out.absolute().parents) if os.path.exists(one))
-    if not os.path.isdir(there):
-        raise records.unwritable(out, NotADirectoryError(None, f"{str(there)!r} is a file"))
 
 
 def _new_folder(name: str) -> Path:

@@ -6,6 +6,7 @@ A trial folder holds `trial.json` (resolved configuration, versions, hash of the
 them, `replay.gif` and `learning_curve.png`.
 """
 
+import os
 import re
 import shutil
 import tempfile
@@ -51,8 +52,10 @@ def check_writable(folder: Path, what: str = "output folder") -> None:
     Raises:
         ConfigurationError: If nothing can be written there, nor where it would be made.
     """
-    there = next(place for place in (folder.absolute(), *folder.absolute().parents) if place.exists())
+    there = next(place for place in (folder.absolute(), *folder.absolute().parents) if os.path.exists(place))
     try:
+        if not there.is_dir():
+            raise NotADirectoryError(None, f"{str(there)!r} is a file")
         with tempfile.TemporaryFile(dir=there):
             pass
     except OSError as error:
