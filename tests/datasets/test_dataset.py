@@ -1,5 +1,8 @@
 """Data sets: read back by Minari they are what the environment showed, and they say who played."""
 
+import re
+from pathlib import Path
+
 import gymnasium as gym
 import minari
 import numpy as np
@@ -18,6 +21,9 @@ from usbench.setting import Setting
 def place(quick, tmp_path, monkeypatch):
     monkeypatch.setenv(minari_files.PLACE, str(tmp_path / "datasets"))
     return tmp_path / "datasets"
+
+
+PAGE = (Path(__file__).parents[2] / "docs" / "data.md").read_text()
 
 
 def parts(observations):
@@ -114,6 +120,20 @@ def test_the_same_arguments_give_the_same_episodes_and_another_seed_gives_others
             monkeypatch.setenv(minari_files.PLACE, str(out))
             sets.append([list(episode.actions) for episode in minari.load_dataset(name)])
     assert sets[0] == sets[1] != sets[2]
+
+
+def test_the_code_of_the_page_reads_a_data_set_in_a_folder_of_ones_own(place, tmp_path, monkeypatch, capsys):
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path)
+    argv = ["--task", "pp", "--agent", "best", "--episodes", "2", "--out", "data"]
+    assert cli.main(["dataset", *argv]) == 0
+    assert f"(with {minari_files.PLACE}={tmp_path / 'data'})" in capsys.readouterr().out
+    ((variable, folder),) = re.findall(r'^export (\w+)="\$PWD/(\w+)"$', PAGE, re.MULTILINE)
+    monkeypatch.setenv(variable, str(tmp_path / folder))
+    monkeypatch.chdir("elsewhere")
+    (code,) = re.findall(r"^```python\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE)
+    exec(code, names := {})
+    assert names["dataset"].total_episodes == 2 and names["env"].spec.id == "usbench/ProbePlane-v0"
 
 
 def test_a_trial_plays_as_it_does_elsewhere(place, finished):

@@ -52,6 +52,6 @@ def _call(args: argparse.Namespace) -> None:
     name, folder = minari_files.write(
         args.task, args.agent, args.episodes, noise=args.noise, seed=args.seed, out=args.out, tell=tell
     )
-    place = "" if args.out is None else f"  (with {minari_files.PLACE}={args.out})"
+    place = "" if args.out is None else f"  (with {minari_files.PLACE}={args.out.resolve()})"
     print(f"{folder}: {minari_files.size_bytes(folder) / 1e6:.1f} MB")
     print(f'minari.load_dataset("{name}"){place}')
