@@ -84,6 +84,7 @@ def test_long_names_stay_within_the_figure():
     ("argv", "said"),
     [
         (["nowhere"], "there is no folder 'nowhere' with trials"),
+        (["afile.txt"], "'afile.txt' is a file, not a folder with trials"),
         (["."], "no finished trial to draw in '.'"),
         ([".", "--format", "bmp"], "png, svg, pdf, not 'bmp'"),
         ([".", "--out"], "--out"),
@@ -91,6 +92,7 @@ def test_long_names_stay_within_the_figure():
 )
 def test_what_cannot_be_drawn_is_refused(tmp_path, monkeypatch, capsys, argv, said):
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "afile.txt").touch()
     assert cli.main(["plot", *argv]) == 2
     captured = capsys.readouterr()
     assert said in captured.err and captured.err.count("\n") == 1 and captured.out == ""

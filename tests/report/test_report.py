@@ -200,6 +200,7 @@ def test_nothing_finished_is_said(runs, without_figures, tmp_path):
     ("runs", "out", "said"),
     [
         ("missing", "report.html", "no folder"),
+        ("afile.txt", "report.html", "afile.txt' is a file, not a folder with trials"),
         ("empty", "report.html", "holds no trials"),
         ("begun", "report.html", "has begun"),
         ("broken", "report.html", "is not a trial record"),
@@ -208,6 +209,7 @@ def test_nothing_finished_is_said(runs, without_figures, tmp_path):
     ],
 )
 def test_refusals(tmp_path, runs, out, said):
+    (tmp_path / "afile.txt").touch()
     for name, content in (("empty", None), ("begun", "{}"), ("broken", "[]")):
         (tmp_path / name / "trial").mkdir(parents=True)
         if content:

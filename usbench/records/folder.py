@@ -113,9 +113,11 @@ def existing(runs: Path) -> Path:
     Raises:
         FileNotFoundError: If not.
     """
-    if not runs.is_dir():
-        raise FileNotFoundError(f"there is no folder {str(runs)!r} with trials.")
-    return runs
+    if runs.is_dir():
+        return runs
+    if runs.exists():
+        raise FileNotFoundError(f"{str(runs)!r} is a file, not a folder with trials.")
+    raise FileNotFoundError(f"there is no folder {str(runs)!r} with trials.")
 
 
 def no_trial(folder: Path) -> ConfigurationError:

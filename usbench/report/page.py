@@ -26,8 +26,10 @@ def check(runs: Path, out: Path) -> Path:
     Raises:
         ConfigurationError: If not; one sentence says why.
     """
-    if not runs.is_dir():
-        raise ConfigurationError(f"there is no folder {str(runs)!r} with trials.")
+    try:
+        records.existing(runs)
+    except FileNotFoundError as error:
+        raise ConfigurationError(str(error)) from error
     if not records.trial_folders(runs) and not studies.folders(runs):
         raise ConfigurationError(
             f"{str(runs)!r} holds no trials and no studies: usbench run, compare and guide make them."
