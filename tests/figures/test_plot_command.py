@@ -34,6 +34,12 @@ def test_figures_are_those_of_the_leaderboard_and_learning_curves_only_of_named_
     assert [path.read_bytes() for path in drawn] == [path.read_bytes() for path in expected]
 
 
+def test_a_format_that_is_named_twice_is_drawn_once(finished, tmp_path, capsys):
+    assert cli.main(["plot", str(finished), "--out", str(tmp_path), "--format", "png", "svg", "png"]) == 0
+    shown = capsys.readouterr().out.splitlines()
+    assert len(shown) == len(set(shown)) and {path[-4:] for path in shown} == {".png", ".svg"}
+
+
 def test_a_trial_counts_once_and_others_beside_it_do_not(finished):
     other = finished.with_name("pp-p0.5-vpg-s1-00000000")
     shutil.copytree(finished, other)

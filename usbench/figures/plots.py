@@ -23,7 +23,7 @@ def write(
     Args:
         paths: Folders of trials, single trials, or folders of tables, as `sources.gather` takes them.
         out: Folder for the figures, made if need be.
-        formats: Some of `style.FORMATS`.
+        formats: Some of `style.FORMATS`; one that is there twice counts once.
         damaged: Told of each trial whose record is broken, which is then left out; without it, an error.
 
     Raises:
@@ -34,6 +34,7 @@ def write(
             raise ConfigurationError(
                 f"the format of a figure must be one of {', '.join(style.FORMATS)}, not {kind!r}."
             )
+    formats = list(dict.fromkeys(formats))
     known = sources.gather(paths, damaged)
     # Also of a trial that is still running.
     single = [trial for path in paths if (trial := _readable(path, damaged is None)) and trial.config.steps]
