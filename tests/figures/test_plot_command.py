@@ -89,7 +89,8 @@ def test_long_names_stay_within_the_figure():
 @pytest.mark.parametrize(
     ("argv", "said"),
     [
-        (["nowhere"], "there is no folder 'nowhere' with trials"),
+        (["nowhere"], "there is no folder 'nowhere' with trials."),
+        (["publishd"], "there is no folder 'publishd' with trials (did you mean 'published'?)."),
         (["afile.txt"], "'afile.txt' is a file, not a folder with trials"),
         (["."], "no finished trial to draw in '.'"),
         ([".", "--format", "bmp"], "png, svg, pdf, not 'bmp'"),

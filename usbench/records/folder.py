@@ -10,10 +10,11 @@ import os
 import re
 import shutil
 import tempfile
+from collections.abc import Collection
 from pathlib import Path
 
 from usbench.atomic import atomic_file, remove_leftovers
-from usbench.checks import ConfigurationError
+from usbench.checks import ConfigurationError, did_you_mean
 from usbench.records.configuration import TrialConfig
 
 TRIAL, EPISODES, EVALUATIONS, MODEL = "trial.json", "episodes.jsonl", "evaluations.jsonl", "model.zip"
@@ -107,8 +108,12 @@ def without_record(runs: Path) -> list[Path]:
     return sorted(folder for folder in begun if not (folder / TRIAL).exists())
 
 
-def existing(runs: Path) -> Path:
+def existing(runs: Path, names: Collection[str] = ()) -> Path:
     """Return `runs` if it is a folder.
+
+    Args:
+        runs: Where trials are to be.
+        names: What else may be named in its place; one that is much like `runs` is asked for.
 
     Raises:
         FileNotFoundError: If not.
@@ -117,7 +122,8 @@ def existing(runs: Path) -> Path:
         return runs
     if runs.exists():
         raise FileNotFoundError(f"{str(runs)!r} is a file, not a folder with trials.")
-    raise FileNotFoundError(f"there is no folder {str(runs)!r} with trials.")
+    hint = did_you_mean(runs, names, cutoff=0.8)
+    raise FileNotFoundError(f"there is no folder {str(runs)!r} with trials{hint}.")
 
 
 def no_trial(folder: Path) -> ConfigurationError:

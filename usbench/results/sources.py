@@ -50,5 +50,6 @@ def folder_of(path: Path) -> Path:
     Raises:
         FileNotFoundError: If there is none.
     """
-    own = path == Path(published.NAME) and not path.exists()
-    return published.folder() if own else records.existing(path).resolve()
+    if path == Path(published.NAME) and not path.exists():
+        return published.folder()
+    return records.existing(path, [published.NAME]).resolve()
