@@ -141,6 +141,14 @@ def test_a_trial_plays_as_it_does_elsewhere(place, finished):
     assert name.startswith("usbench/pp/pp-p0-5-vpg-s0-") and minari.load_dataset(name).total_episodes == 3
 
 
+def test_a_misspelt_agent_is_refused_with_the_one_that_is_meant_and_all_others(place):
+    with pytest.raises(ConfigurationError) as refused:
+        minari_files.write("pp", "bset", 1)
+    known = ", ".join(map(repr, ("oracle", "best", "random", "mixed", *released.names())))
+    said = f"unknown agent 'bset' (did you mean 'best'?): allowed are {known}, and the folder of a trial."
+    assert str(refused.value) == said
+
+
 @pytest.mark.parametrize(
     ("argv", "said"),
     [

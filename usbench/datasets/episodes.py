@@ -8,7 +8,7 @@ import gymnasium as gym
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from usbench import released
-from usbench.checks import ConfigurationError
+from usbench.checks import ConfigurationError, unknown
 from usbench.coordinates import BY_NAME
 from usbench.envs.observation.wrappers import ImageStack, NormalizeImage
 from usbench.setting import Setting, of_any_version
@@ -104,10 +104,9 @@ def open_agent(name: str, setting: Setting, seed: int) -> tuple[Any, Setting]:
         return make_agent(setting, name, env, seed, {}), setting
     # An empty name would be the present folder.
     if name != BEST and not (name and released.place(name).exists()):
-        raise ConfigurationError(
-            f"unknown agent {name!r}: allowed are {ORACLE!r}, {BEST!r}, {RANDOM!r}, {MIXED!r}, the folder of "
-            "a trial, and the name of an agent that comes with the package."
-        )
+        known = (ORACLE, BEST, RANDOM, MIXED, *released.names())
+        refused = str(unknown("agent", name, known)).removesuffix(".")
+        raise ConfigurationError(f"{refused}, and the folder of a trial.")
     loaded = load_agent(f"{BEST}:{setting.task}" if name == BEST else released.place(name))
     recorded = Setting.recorded(loaded.config)
     if recorded.task != setting.task or recorded.differences(setting):
