@@ -2,6 +2,7 @@
 
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import gymnasium as gym
 import minari
@@ -11,8 +12,9 @@ import pytest
 from usbench import cli, released
 from usbench.anchors import Anchors
 from usbench.checks import ConfigurationError
-from usbench.datasets import card, minari_files
+from usbench.datasets import card, episodes, minari_files
 from usbench.datasets.episodes import Played
+from usbench.envs.probe import LinearArray
 from usbench.records import Trial
 from usbench.setting import Setting
 
@@ -147,6 +149,27 @@ def test_a_misspelt_agent_is_refused_with_the_one_that_is_meant_and_all_others(p
     known = ", ".join(map(repr, ("oracle", "best", "random", "mixed", *released.names())))
     said = f"unknown agent 'bset' (did you mean 'best'?): allowed are {known}, and the folder of a trial."
     assert str(refused.value) == said
+
+
+@pytest.mark.parametrize(
+    ("trained", "task", "said"),
+    [
+        ({"task": "pp"}, "fp", "'pp': a data set of 'fp' is played by agents that were trained on 'fp'."),
+        (
+            {"task": "pp", "probe": LinearArray(n_elements=96)},
+            "pp",
+            "'pp' with another probe: a data set of 'pp' is played by agents that were trained on 'pp' with "
+            "the task's own probe.",
+        ),
+    ],
+)
+def test_an_agent_of_something_else_is_refused_with_who_may_play(monkeypatch, trained, task, said):
+    loaded = SimpleNamespace(config=None)
+    monkeypatch.setattr(episodes, "load_agent", lambda _: loaded)
+    monkeypatch.setattr(Setting, "recorded", lambda _: Setting(**trained))
+    with pytest.raises(ConfigurationError) as refused:
+        episodes.open_agent("vpg:pp", Setting(task=task), 0)
+    assert str(refused.value) == f"the agent 'vpg:pp' was trained on {said}"
 
 
 @pytest.mark.parametrize(

@@ -109,13 +109,22 @@ def open_agent(name: str, setting: Setting, seed: int) -> tuple[Any, Setting]:
         raise ConfigurationError(f"{refused}, and the folder of a trial.")
     loaded = load_agent(f"{BEST}:{setting.task}" if name == BEST else released.place(name))
     recorded = Setting.recorded(loaded.config)
-    if recorded.task != setting.task or recorded.differences(setting):
-        others = "".join(f", with another {one}" for one in recorded.differences(setting))
-        raise ConfigurationError(
-            f"the agent {name!r} was trained on {recorded.task!r}{others}: the data set is of "
-            f"{setting.task!r} as it is."
-        )
+    _check_trained_on(recorded, setting, name)
     return loaded.agent, replace(setting, n_frames=recorded.n_frames, senses=recorded.senses)
+
+
+def _check_trained_on(recorded: Setting, setting: Setting, name: str) -> None:
+    """Raise ConfigurationError unless the agent `name`, with the setting `recorded`, is one of `setting`."""
+    another = own = ""
+    if recorded.task == setting.task:
+        others = " and ".join(recorded.differences(setting))
+        if not others:
+            return
+        another, own = f" with another {others}", f" with the task's own {others}"
+    raise ConfigurationError(
+        f"the agent {name!r} was trained on {recorded.task!r}{another}: a data set of {setting.task!r} is "
+        f"played by agents that were trained on {setting.task!r}{own}."
+    )
 
 
 def play(agent: Any, name: str, setting: Setting, seeds: Sequence[int]) -> Iterator[Played]:
