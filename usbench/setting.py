@@ -283,13 +283,7 @@ class Setting:
         They are those of every pose that the task can reach, in every phantom of the evaluation, or those
         with which its episodes begin (`Row.every_frame`). Training has other phantoms where there are many.
         """
-        starts = defaultdict(list)
-        for episode in self.evaluation_episodes():
-            starts[episode.phantom_index].append(episode.start)
-        parts = [
-            (phantom, self.guidance.states if self.row.every_frame else tuple(starts[place]))
-            for place, phantom in enumerate(self.evaluation_phantoms())
-        ]
+        parts = self._evaluated()
         digests, done, total = [], 0, sum(len(poses) for _, poses in parts)
         for phantom, poses in parts:
             store = frame_store(phantom, self.probe, self.imaging)
@@ -298,6 +292,23 @@ class Setting:
             done += len(poses)
         one = digests[0] if len(digests) == 1 else hashlib.sha256("".join(digests).encode()).hexdigest()
         return Frames(one, total)
+
+    def has_frames(self) -> bool:
+        """Return whether all frames that `prepare_frames` would simulate are kept."""
+        return all(
+            all(map(frame_store(phantom, self.probe, self.imaging).has, poses))
+            for phantom, poses in self._evaluated()
+        )
+
+    def _evaluated(self) -> list[tuple[Tissue, tuple[Pose, ...]]]:
+        """Return the phantoms of the evaluation, each with the poses whose frames are made beforehand."""
+        starts = defaultdict(list)
+        for episode in self.evaluation_episodes():
+            starts[episode.phantom_index].append(episode.start)
+        return [
+            (phantom, self.guidance.states if self.row.every_frame else tuple(starts[place]))
+            for place, phantom in enumerate(self.evaluation_phantoms())
+        ]
 
     @property
     def scored(self) -> Setting:

@@ -8,6 +8,7 @@ import gymnasium as gym
 import minari
 import numpy as np
 import pytest
+from quick_trials import DrawnFrames
 
 from usbench import cli, released
 from usbench.anchors import Anchors
@@ -91,6 +92,14 @@ def test_who_plays_in_turn_scores_as_is_known(place):
     for number, agent in enumerate(("oracle", best, "random")):
         mean = np.mean(returns[number])
         assert f"| {number} | {agent} | 10 | {mean:.2f} | {anchors.score(mean):.3f} |" in text
+
+
+@pytest.mark.parametrize("kept", [True, False])
+def test_frames_are_told_of_where_some_are_not_kept(place, monkeypatch, capsys, kept):
+    missing = None if kept else Setting(task="pp").guidance.states[-1]
+    monkeypatch.setattr(DrawnFrames, "has", lambda _, pose: pose != missing)
+    assert cli.main(["dataset", "--task", "pp", "--agent", "random", "--episodes", "1"]) == 0
+    assert ("simulating the frames that are not kept yet\n" in capsys.readouterr().err) == (not kept)
 
 
 def test_the_card_names_the_command_that_makes_the_data_set_again(place):

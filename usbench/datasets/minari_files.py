@@ -168,7 +168,8 @@ def _played(
     whom = ", ".join(opened)
     tell(f"{n_episodes} episode{'' if n_episodes == 1 else 's'} of {setting.task}, played by {whom}")
     if setting.row.every_frame and not setting.row.phantoms:
-        tell("simulating the frames that are not kept yet")
+        if not setting.has_frames():
+            tell("simulating the frames that are not kept yet")
         setting.prepare_frames()
     seeds = np.random.SeedSequence(seed).generate_state(n_episodes).astype(int).tolist()
     played: dict[int, Played] = {}
