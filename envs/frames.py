@@ -11,7 +11,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -78,21 +78,23 @@ class FrameStore:
         return pose in self._frames
 
     def prepare(self, poses: Iterable[Pose], progress: Progress | None = None) -> None:
-        """Simulate what is missing of `poses` and keep it on disk; `progress(done, total)` of each."""
+        """Simulate what is missing of `poses` and keep it on disk; `progress(done, total)` of each.
+
+        What was simulated before an interruption is kept, too.
+        """
         self._load()
         missing = [pose for pose in dict.fromkeys(poses) if pose not in self._frames]
         done = 0
-        for table in sorted({table_of(pose) for pose in missing}):
-            alike = [pose for pose in missing if table_of(pose) == table]
-            for start in range(0, len(alike), _BATCH):
-                batch = alike[start : start + _BATCH]
+        try:
+            for batch in _batches(missing):
                 make([(self, pose) for pose in batch])
                 for _ in batch:
                     done += 1
                     if progress is not None:
                         progress(done, len(missing))
-        if missing:
-            self._save()
+        finally:
+            if done:  # also before an interruption
+                self._save()
 
     def digest(self, poses: Iterable[Pose]) -> str:
         """Return a hash of the bytes of the frames from `poses`, in their order."""
@@ -144,6 +146,14 @@ class FrameStore:
             frame_files.write(self.path, frame_files.Contents(scene, SIMULATOR, poses, frames))
         except OSError as error:
             warnings.warn(f"frames are not kept on disk: {error}.", stacklevel=3)
+
+
+def _batches(poses: Sequence[Pose]) -> Iterator[Sequence[Pose]]:
+    """Yield poses that are made side by side, those with the same table of responses one after the other."""
+    for table in sorted({table_of(pose) for pose in poses}):
+        alike = [pose for pose in poses if table_of(pose) == table]
+        for start in range(0, len(alike), _BATCH):
+            yield alike[start : start + _BATCH]
 
 
 def make(wanted: Iterable[tuple[FrameStore, Pose]]) -> None:

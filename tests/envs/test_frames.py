@@ -41,6 +41,18 @@ def test_prepare_simulates_what_is_missing_and_tells_of_it(scans):
     assert len(told) == 2 and len(scans) == 3
 
 
+def test_what_was_simulated_before_an_interruption_is_kept(scans, monkeypatch):
+    def interrupt(done, _):
+        if done == 2:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(frames, "_BATCH", 1)
+    with pytest.raises(KeyboardInterrupt):
+        FrameStore(*SCENE).prepare(POSES, interrupt)
+    store = FrameStore(*SCENE)
+    assert [store.has(pose) for pose in POSES] == [True, True, False] and len(scans) == 2
+
+
 def test_another_process_finds_them(kept, scans):
     scans.clear()
     store = FrameStore(*SCENE)
