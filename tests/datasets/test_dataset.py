@@ -252,6 +252,26 @@ def test_a_data_set_that_is_broken_off_is_not_there_and_can_be_made_again(place,
     assert minari.load_dataset(name).total_episodes == 2
 
 
+@pytest.mark.parametrize("part", ["episodes.play", "card.text"])
+@pytest.mark.parametrize("there", [True, False])
+def test_an_interruption_says_what_is_kept_and_leaves_no_empty_folder(
+    place, monkeypatch, capsys, part, there
+):
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    if there:
+        place.mkdir()
+    monkeypatch.setattr(f"usbench.datasets.{part}", interrupt)
+    assert cli.main(["dataset", "--task", "pp", "--agent", "random", "--episodes", "1"]) == 130
+    said = (
+        "usbench: interrupted, no data set was written: frames on disk are kept, and the same command plays"
+    )
+    assert said in capsys.readouterr().err
+    # A folder that was empty before is not ours to remove.
+    assert place.exists() == there and list(place.parent.glob("datasets/*")) == []
+
+
 def test_minari_passes_over_what_a_killed_process_left(place):
     left = place / "usbench" / "pp" / ".random-v0.abc.part" / "usbench" / "pp" / "random-v0" / "data"
     left.mkdir(parents=True)

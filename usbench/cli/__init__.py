@@ -98,7 +98,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             sys.stdout.flush()
     except KeyboardInterrupt:
         how = getattr(args, "interrupted", "")
-        kept = f", what was recorded is kept: {how}" if how else "."
+        kept = f", {how}" if how else "."
         print(f"usbench: interrupted{kept}", file=sys.stderr)
         if getattr(args, "ends_at_once", False):
             # Python would wait for the threads, which may simulate for seconds.

@@ -15,7 +15,7 @@ REFUSED = 2
 # The leaderboard of the grid.
 LEADERBOARD = Path("leaderboard.md")
 # Said after Ctrl-C of commands that keep what they have done.
-GOES_ON = "the same command goes on from there."
+GOES_ON = "what was recorded is kept: the same command goes on from there."
 
 
 class Help(argparse.RawDescriptionHelpFormatter):

@@ -74,7 +74,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         "--port", type=number, default=0, metavar="N", help="port of the page (default: a free one)"
     )
     guide.add_argument("--no-browser", action="store_true", help="print the address, open nothing")
-    kept = "a training or a study goes on from there when it is started again."
+    kept = "what was recorded is kept: a training or a study goes on from there when it is started again."
     guide.set_defaults(call=_call, ends_at_once=True, interrupted=kept)
 
 

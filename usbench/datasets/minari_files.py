@@ -74,14 +74,14 @@ def write(
     opened = {who: episodes.open_agent(who, setting, seed) for who in episodes.names(agent)}
     check_installed()
     name = dataset_name(setting, agent)
-    # Last of what may be refused: it leaves folders.
+    # Last of what may be refused: it tries to make folders.
     with _place(out):
         folder = _new_folder(name)
     setting, played = _played(setting, opened, n_episodes, seed, tell)
     tell("writing the data set")
     anchors = setting.anchors()
     # Its name begins with a dot, so that Minari passes over what a killed process leaves.
-    with scratch_folder(folder) as scratch:
+    with _gone_if_empty(folder.parent), scratch_folder(folder) as scratch:
         with _place(scratch):
             _create(name, played, setting, anchors)
         made = scratch / name
@@ -138,12 +138,32 @@ def _place(out: Path | None) -> Iterator[None]:
             os.environ[PLACE] = before
 
 
+@contextlib.contextmanager
+def _gone_if_empty(folder: Path) -> Iterator[None]:
+    """Make `folder` and those above it; afterwards those are gone that were not there and hold nothing."""
+    made = [place for place in (folder, *folder.parents) if not place.exists()]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        yield
+    finally:
+        for place in made:
+            with contextlib.suppress(OSError):  # which says that the folder holds something
+                place.rmdir()
+
+
 def _new_folder(name: str) -> Path:
+    """Return the folder of a new data set, which can be made, and is not there yet.
+
+    Raises:
+        ConfigurationError: If it cannot be made, or holds files already.
+    """
     from minari.storage import get_dataset_path
 
     try:
-        folder = Path(get_dataset_path(name))  # makes the folder of all data sets
-        folder.parent.mkdir(parents=True, exist_ok=True)
+        with _gone_if_empty(Path(os.environ.get(PLACE, ""))):
+            folder = Path(get_dataset_path(name))  # makes the folder of all data sets
+            with _gone_if_empty(folder.parent):
+                pass
     except OSError as error:
         raise records.unwritable(Path(error.filename or name), error) from error
     if _holds_files(folder):

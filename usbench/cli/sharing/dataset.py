@@ -40,7 +40,8 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
     )
     dataset.add_argument("--out", type=Path, metavar="FOLDER", help="folder (default: where Minari looks)")
     dataset.add_argument("--quiet", action="store_true", help="no progress")
-    dataset.set_defaults(call=_call)
+    kept = "no data set was written: frames on disk are kept, and the same command plays all episodes again."
+    dataset.set_defaults(call=_call, interrupted=kept)
 
 
 def _call(args: argparse.Namespace) -> None:
