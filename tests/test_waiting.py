@@ -81,7 +81,7 @@ def test_the_library_tells_of_filters_tables_and_sums(impatient, caplog, tmp_pat
     simulate_iq(points, np.ones(600), SMALL, 0.0123)
     filters, table, summing = told(caplog)
     assert re.fullmatch(f"Fitting the filters of a probe's height: {TIME}", filters)
-    assert re.fullmatch(f".* for the focal depth 12.3 mm: {TIME}", table)
+    assert re.fullmatch(f".* responses at 3.5 MHz for the focal depth 12.3 mm: {TIME}", table)
     assert re.fullmatch(f"Summing 600 scatterers for 4 lines: {TIME}", summing)
     caplog.clear()
     simulate_iq(points[:200], np.ones(200), SMALL, 0.0123, [5e-3])

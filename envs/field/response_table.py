@@ -134,7 +134,10 @@ def _made(
     receive = Receiving(beam, focal_depth, oversampling) if array.receives_apart else beam
     n_blocks = math.ceil((len(depths) - 1) / ROWS)
     shares = [depths[ROWS * part.start : ROWS * part.stop + 1] for part in divided(n_blocks)]
-    what = f"Making the table of a probe's responses for the focal depth {1e3 * focal_depth:g} mm"
+    what = (
+        f"Making the table of a probe's responses at {1e-6 * array.center_frequency:g} MHz for the focal "
+        f"depth {1e3 * focal_depth:g} mm"
+    )
     waiting = Waiting(what, n_blocks, len(shares))
     parts = in_parallel(lambda share: tabulate(beam, receive, share, n_samples, waiting), shares)
     rows = chain.from_iterable(parts)
