@@ -221,7 +221,9 @@ def test_data_sets_stand_on_trials(path):
     assert not foreign(path, *(f"usbench.{name}" for name in allowed), *GROUND)
 
 
-def test_commands_on_records_load_no_torch_and_from_tables_no_simulator(finished, tmp_path):
+def test_commands_on_records_load_no_torch_and_from_tables_no_simulator(finished, tmp_path, monkeypatch):
+    # It is checked where it is set, by a module of the simulator that imports nothing.
+    monkeypatch.delenv("USBENCH_THREADS", raising=False)
     known = made(*seeds("vpg", [0.5, 0.6]))
     runs = str(finished.parent)
     # A trial that is new needs a seed that is kept for comparisons.

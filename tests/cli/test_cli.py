@@ -27,6 +27,13 @@ def refusal(capsys, *argv):
     return captured.err
 
 
+@pytest.mark.parametrize("argv", [["list"], ["leaderboard"], [*RUN, "--quiet"]])
+@pytest.mark.parametrize("text", ["x", "0", "1.5"])
+def test_a_number_of_threads_that_cannot_be_is_refused_by_every_command(capsys, monkeypatch, argv, text):
+    monkeypatch.setenv("USBENCH_THREADS", text)
+    assert f"USBENCH_THREADS must be a whole number from 1, not {text!r}." in refusal(capsys, *argv)
+
+
 @pytest.mark.parametrize(
     ("changes", "said"),
     [

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from importlib.metadata import version
 
+from usbench.checks import as_configuration_error
 from usbench.cli import (
     cache,
     compare,
@@ -94,6 +95,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return int(exit_.code or 0)
     try:
         with _terminable(), _own_modules(), _telling(quiet=getattr(args, "quiet", False)):
+            _check_threads()
             args.call(args)
             sys.stdout.flush()
     except KeyboardInterrupt:
@@ -128,6 +130,16 @@ def _parsed(argv: Sequence[str] | None) -> argparse.Namespace:
     if rest:
         commands[args.command].refuse(rest)
     return args
+
+
+def _check_threads() -> None:
+    """Refuse a number of threads that cannot be, also where nothing would be computed with it."""
+    if "USBENCH_THREADS" in os.environ:
+        # Only then, as few commands need the simulator.
+        from usbench.envs.threads import n_threads
+
+        with as_configuration_error():
+            n_threads()
 
 
 @contextlib.contextmanager
