@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import zipfile
 import zlib
-from collections.abc import Collection
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -44,7 +44,7 @@ def read(path: Path) -> npt.NDArray[np.float64]:
 
     Raises:
         OSError: If the file cannot be read.
-        ValueError: If a column is missing, a value is not a finite number, or there is no row.
+        ValueError: If a column is missing or there twice, a value is not a finite number, or there is no row.
     """
     columns = _npz(path) if path.suffix.lower() == ".npz" else _csv(path)
     values = np.stack([columns[name] for name in columns], axis=1)
@@ -59,8 +59,8 @@ def read(path: Path) -> npt.NDArray[np.float64]:
     return values
 
 
-def _chosen(names: Collection[str]) -> tuple[str, ...]:
-    """Return the names of the four columns, or raise ValueError if one is missing."""
+def _chosen(names: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of the four columns, or raise ValueError if one is missing or there twice."""
     wanted = NAMES_MM if set(NAMES_MM[:3]) & set(names) else NAMES
     missing = [name for name in wanted if name not in names]
     if missing:
@@ -69,6 +69,9 @@ def _chosen(names: Collection[str]) -> tuple[str, ...]:
             f"{' and '.join(missing)} must be among its columns, not only {found} "
             f"({', '.join(NAMES)} in m, or {', '.join(NAMES_MM)})."
         )
+    for name in wanted:
+        if (count := names.count(name)) > 1:
+            raise ValueError(f"{name} must be one of its columns, not {count} of them.")
     return wanted
 
 
@@ -77,6 +80,8 @@ def _csv(path: Path) -> dict[str, npt.NDArray[np.float64]]:
 
     try:
         table = pd.read_csv(path, comment="#", skipinitialspace=True)
+        # Its first line alone: in the table, the second of two names that are alike is another one.
+        head = pd.read_csv(path, comment="#", skipinitialspace=True, header=None, nrows=1, na_filter=False)
     except pd.errors.EmptyDataError:
         raise ValueError("it is empty.") from None
     except (pd.errors.ParserError, UnicodeDecodeError) as error:
@@ -86,7 +91,7 @@ def _csv(path: Path) -> dict[str, npt.NDArray[np.float64]]:
     table.columns = [str(name).strip() for name in table.columns]
     if pd.to_numeric(table.columns, errors="coerce").notna().all():
         raise ValueError(f"its first line must name the columns ({', '.join(NAMES)}), not hold numbers.")
-    chosen = _chosen(list(table.columns))
+    chosen = _chosen([name for cell in head.iloc[0] if (name := str(cell).strip())])
     return {name: pd.to_numeric(table[name], errors="coerce").to_numpy(np.float64) for name in chosen}
 
 

@@ -83,6 +83,9 @@ def test_what_is_out_of_view_is_left_out():
     [
         ("x,y,z\n0,0,0.03\n", "amplitude must be among its columns, not only x, y, z"),
         ("x_mm,y,z,amplitude\n0,0,0.03,1\n", "y_mm and z_mm must be among its columns"),
+        ("x_mm,x_mm,y_mm,z_mm,amplitude\n0,1,0,30,1\n", "x_mm must be one of its columns, not 2 of them."),
+        # With blanks it is the same name.
+        ("x,y,z,amplitude, amplitude \n0,0,0.03,1,1\n", "amplitude must be one of its columns, not 2 of"),
         ("x,y,z,amplitude\n0,0,0.03,1\n0,0,nan,1\n", "z of scatterer 2 must be a finite number."),
         ("x,y,z,amplitude\n0,0,0.03,loud\n", "amplitude of scatterer 1 must be a finite number."),
         ("x,y,z,amplitude\n", "it has no scatterer."),
