@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from usbench.checks import ConfigurationError, non_negative
+from usbench.checks import ConfigurationError, non_negative, number
 from usbench.envs.anatomy import point_file
 from usbench.envs.arrays import real
 from usbench.envs.pose import Pose
@@ -24,6 +24,8 @@ BYTES_PER_SCATTERER = 300
 _MANY = 1_000_000
 # As far from the probe as the simulator goes.
 _FARTHEST = 0.5
+# Echoes of many are added up in single precision, which ends at 3e38.
+_STRONGEST = 1e30
 
 
 class PointScatterers:
@@ -50,8 +52,8 @@ class PointScatterers:
         """Hold copies of the values.
 
         Raises:
-            ValueError: If shapes do not fit, there is no scatterer, a value is not a finite real number, or a
-                scatterer does not lie below the surface and within 0.5 m.
+            ValueError: If shapes do not fit, there is no scatterer, a value is not a finite real number, an
+                amplitude is beyond 1e30, or a scatterer does not lie below the surface and within 0.5 m.
         """
         self.positions = real("positions", positions)
         self.amplitudes = real("amplitudes", amplitudes)
@@ -68,6 +70,9 @@ class PointScatterers:
             if not np.isfinite(values).all():
                 raise ValueError(f"{name} must be finite, without NaN.")
             values.flags.writeable = False
+        strongest = int(np.abs(self.amplitudes).argmax())
+        name = f"amplitude of scatterer {strongest + 1}"
+        number(name, float(self.amplitudes[strongest]), low=-_STRONGEST, high=_STRONGEST)
         if (highest := float(self.positions[:, 2].min())) <= 0:
             raise ValueError(f"scatterers must lie below the surface (z > 0), not at z = {highest:g} m.")
         if (farthest := float(np.abs(self.positions).max())) > _FARTHEST:

@@ -99,6 +99,10 @@ def test_what_is_out_of_view_is_left_out():
         # The first value would become an index, and the others would have the wrong names.
         ("x_mm,y_mm,z_mm,amplitude\n0,1,20,3,7\n", "lines have more values than its header has names (4)."),
         ("x,y,z,amplitude\n0,0,0.03,1,\n", "lines have more values than its header has names (4)."),
+        (
+            "x,y,z,amplitude\n0,0,0.03,1\n0,0,0.03,-1e300\n",
+            "amplitude of scatterer 2 must be a number in [-1e+30, 1e+30], not -1e+300.",
+        ),
         ("x,y,z,amplitude\n0,0,30,1\n", "within 0.5 m, not 30 m: are the positions in mm?"),
         ("x,y,z,amplitude\n0,0,-0.01,1\n", "below the surface (z > 0), not at z = -0.01 m."),
     ],
@@ -134,6 +138,15 @@ def test_complex_numbers_are_no_places_and_no_amplitudes():
     for name, arguments in (("positions", (POINTS * 1j, [1, 2])), ("amplitudes", (POINTS, [1, 2j]))):
         with pytest.raises(ValueError, match=f"^{name} must be real numbers, not complex128.$"):
             PointScatterers(*arguments)
+
+
+def test_the_strongest_scatterers_make_a_frame_and_stronger_ones_are_refused():
+    places = np.full((1000, 3), (0, 0, 30e-3))
+    frame = scan(PointScatterers(places, np.full(1000, 1e30)), Pose(focal_depth_mm=30), NARROW, FINE)
+    weak = scan(PointScatterers(places, np.ones(1000)), Pose(focal_depth_mm=30), NARROW, FINE)
+    assert frame.max() > 240 and np.abs(frame.astype(int) - weak).max() <= 1
+    with pytest.raises(ValueError, match=r"amplitude of scatterer 2 must be a number in .* not 1e\+31"):
+        PointScatterers(POINTS, [1.0, 1e31])
 
 
 @pytest.mark.parametrize("name", ["points.npz", "points.csv"])
