@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from usbench.envs.bmode import Imaging
 from usbench.envs.cache import frame_files
-from usbench.envs.cache.folder import mark_used
+from usbench.envs.cache.folder import mark_used, not_kept
 from usbench.envs.cache.sources import code_hash, hash_of, is_own, sources
 from usbench.envs.pose import Pose
 from usbench.envs.probe import LinearArray
@@ -145,7 +145,7 @@ class FrameStore:
         try:
             frame_files.write(self.path, frame_files.Contents(scene, SIMULATOR, poses, frames))
         except OSError as error:
-            warnings.warn(f"frames are not kept on disk: {error}.", stacklevel=3)
+            warnings.warn(not_kept("frames", error), stacklevel=3)
 
 
 def _batches(poses: Sequence[Pose]) -> Iterator[Sequence[Pose]]:

@@ -22,6 +22,15 @@ def cache_folder() -> Path:
     return Path(chosen).expanduser() if chosen else platformdirs.user_cache_path("usbench")
 
 
+def not_kept(what: str, error: OSError) -> str:
+    """Return in a sentence that `what` cannot be written into the folder: the same of all files alike."""
+    reason = error.strerror or str(error)
+    return (
+        f"{what} are not kept on disk, as {str(cache_folder())!r} takes none ({reason}): "
+        "USBENCH_CACHE sets another folder."
+    )
+
+
 def mark_used(path: Path) -> None:
     """Let the file at `path` be dropped last."""
     with contextlib.suppress(OSError):  # a folder that can only be read serves as well

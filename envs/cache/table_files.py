@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from usbench.atomic import atomic_file
-from usbench.envs.cache.folder import Entry, Kind, mark_used
+from usbench.envs.cache.folder import Entry, Kind, mark_used, not_kept
 from usbench.envs.cache.sources import code_hash, hash_of, is_own
 
 MAX_BYTES = 1_000_000_000
@@ -130,13 +130,13 @@ def _keep(path: Path, contents: Contents) -> None:
     if sum(array.nbytes for array in contents.arrays.values()) > MAX_BYTES:
         return  # it would push out all others
     if _code() != CODE:
-        reason = "the simulator's sources have changed since they were imported"
+        why = "tables are not kept on disk: the simulator's sources have changed since they were imported."
     else:
         try:
             return write(path, contents)
         except OSError as error:
-            reason = str(error)
-    warnings.warn(f"tables are not kept on disk: {reason}.", stacklevel=3)
+            why = not_kept("tables", error)
+    warnings.warn(why, stacklevel=3)
 
 
 def _checksum(name: str, contents: Contents) -> str:

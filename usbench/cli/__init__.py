@@ -6,8 +6,10 @@ import logging
 import os
 import signal
 import sys
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from importlib.metadata import version
+from typing import Any
 
 from usbench.checks import as_configuration_error
 from usbench.cli import (
@@ -94,7 +96,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except SystemExit as exit_:
         return int(exit_.code or 0)
     try:
-        with _terminable(), _own_modules(), _telling(quiet=getattr(args, "quiet", False)):
+        plain = contextlib.nullcontext() if args.debug else _plain_warnings()
+        with _terminable(), _own_modules(), _telling(quiet=getattr(args, "quiet", False)), plain:
             _check_threads()
             args.call(args)
             sys.stdout.flush()
@@ -155,6 +158,22 @@ def _telling(quiet: bool) -> Iterator[None]:
     finally:
         log.removeHandler(handler)
         log.setLevel(level)
+
+
+@contextlib.contextmanager
+def _plain_warnings() -> Iterator[None]:
+    """Show what is meant for users as a sentence, without the line of the source that warns of it."""
+    usual = warnings.formatwarning
+
+    def plain(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> str:
+        sentence = f"usbench: {message}\n"
+        return sentence if category is UserWarning else usual(message, category, *where, **more)
+
+    warnings.formatwarning = plain
+    try:
+        yield
+    finally:
+        warnings.formatwarning = usual
 
 
 class _BesideBars(logging.Handler):
