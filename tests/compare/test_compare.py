@@ -448,15 +448,15 @@ def test_search_from_end_to_end(here, capsys):
     said = capsys.readouterr().out
     winner, stays, following = said.splitlines()
     assert winner.startswith("a2c: candidate ") and stays == "The table of algorithms stays as it is."
-    # What it says is a command that runs.
     assert following.startswith("next: usbench run --algo a2c --task pp --set learning_rate=")
-    assert cli.main([*following.split()[2:], "--steps", "32", "--quiet"]) == 0
     assert len(Path("search/a2c.jsonl").read_text().splitlines()) == 1 + 4 + 4
     assert set(records.load("runs/search")["seed"]) == {1000, 1001}
     assert cli.main(argv) == 0 and capsys.readouterr().out == said
     protocols.write(here, ("candidates = 3", "candidates = 4"))
     assert cli.main(argv) == 2
     assert "begun under another protocol" in capsys.readouterr().err
+    # What it has said is a command that runs.
+    assert cli.main([*following.split()[2:], "--steps", "32", "--quiet"]) == 0
 
 
 @pytest.mark.parametrize("command", ["compare", "search"])
