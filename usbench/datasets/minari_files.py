@@ -162,8 +162,7 @@ def _new_folder(name: str) -> Path:
     try:
         with _gone_if_empty(Path(os.environ.get(PLACE, ""))):
             folder = Path(get_dataset_path(name))  # makes the folder of all data sets
-            with _gone_if_empty(folder.parent):
-                pass
+            records.check_writable(folder.parent)
     except OSError as error:
         raise records.unwritable(Path(error.filename or name), error) from error
     if _holds_files(folder):
