@@ -39,7 +39,7 @@ class Progress(sweep.Progress, typing.Protocol):
     """What a search tells while it runs."""
 
     def rung(self, number: int, n_rungs: int, scores: Mapping[int, float | None]) -> None:
-        """A rung begins, from 1 on, with the candidates of `scores`: those of the rung before, or None."""
+        """Rung `number` of 1 to `n_rungs` begins; each candidate has its score in the rung before, if any."""
 
 
 def check_row(protocol: Protocol, row: str) -> str:

@@ -49,7 +49,7 @@ class SweepBars:
             self._say(f"simulating frames: {done} of {total}")
 
     def rung(self, number: int, n_rungs: int, scores: Mapping[int, float | None]) -> None:
-        """A search begins a rung with the candidates of `scores`, those of the rung before, or None."""
+        """A search begins a rung with these candidates; each has its score in the rung before, if any."""
         told = [f"{name}" if score is None else f"{name} ({score:.3f})" for name, score in scores.items()]
         words = "candidate" if len(told) == 1 else "candidates"
         self._say(f"rung {number} of {n_rungs}: {words} {', '.join(told)}")
