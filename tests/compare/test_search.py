@@ -236,11 +236,7 @@ def test_training_that_diverged_is_recorded_and_its_candidate_comes_last(quick, 
 
 @pytest.mark.parametrize("row", ["a2c", "dqn"])
 def test_training_whose_weights_are_no_numbers_is_one_that_diverged(row, quick, tmp_path, monkeypatch):
-    def train(agent, *_, **__):
-        for weights in agent.policy.parameters():
-            weights.data.fill_(torch.nan)
-
-    monkeypatch.setattr(zoo.model_class(row), "train", train)
+    trials.diverge(monkeypatch, row)
     longer = ("steps = 32", "steps = 1024"), ("steps = 64", "steps = 1024")
     rules = protocol.read(protocols.write(tmp_path, ('rows = ["a2c", "vpg"]', f'rows = ["{row}"]'), *longer))
     with pytest.raises(RuntimeError, match=f"no candidate of {row} has a score"):

@@ -92,3 +92,13 @@ def go_on(folder, algo="vpg"):
     progress = Until()
     assert not runner.run_trial(config(algo), folder.parent, progress=progress).skipped
     return progress.first
+
+
+def diverge(monkeypatch, algo):
+    """Let an update leave weights that are no numbers."""
+
+    def train(agent, *_, **__):
+        for weights in agent.policy.parameters():
+            weights.data.fill_(torch.nan)
+
+    monkeypatch.setattr(zoo.model_class(algo), "train", train)

@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pytest
 import torch
+import trials
 from PIL import Image
 from state_files import read_state
 
@@ -186,11 +187,7 @@ def test_failed_trial_says_why_and_keeps_its_records(quick, tmp_path):
 @pytest.mark.parametrize("algo", ["vpg", "dqn"])
 def test_a_training_that_diverges_fails_and_says_so(algo, quick, tmp_path, monkeypatch):
     # Probabilities that are no numbers raise an error that lists all of them; values go unseen.
-    def train(agent, *_, **__):
-        for weights in agent.policy.parameters():
-            weights.data.fill_(torch.nan)
-
-    monkeypatch.setattr(zoo.model_class(algo), "train", train)
+    trials.diverge(monkeypatch, algo)
     with pytest.raises(runner.TrialError, match=r"failed: the training diverged: .* smaller learning rate$"):
         run(tmp_path, algo=algo, steps=160, overrides={"learning_starts": 16} if algo == "dqn" else {})
     (folder,) = records.trial_folders(tmp_path)
