@@ -45,7 +45,7 @@ def sections(
             f"## Probability of improvement{where}",
             folded("Each agent beside each", improvement(list(learners), pairs)),
         ]
-    enough = {agent: finals for agent, finals in learners.items() if len(finals) >= ranking.MIN_SEEDS}
+    enough = {one: finals for one, finals in learners.items() if len(finals) >= ranking.MIN_SEEDS}
     if len(enough) > 1:
         found += [
             f"## Stability of ranks{where}",
@@ -67,8 +67,8 @@ def overall(
     doubtful = additions.holders(trials, doubted)
     known = ranking.overall(matrices)
     notes = {
-        agent: scores.note(own["algo"].iloc[0], own["steps"].max())
-        for agent, own in named(trials).groupby("agent")
+        one: scores.note(own["algo"].iloc[0], own["steps"].max())
+        for one, own in named(trials).groupby("agent")
     }
     known = known.assign(note=known["agent"].map(notes))
     known["beside"] = known["note"] != ""
