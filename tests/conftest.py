@@ -11,6 +11,8 @@ from quick_trials import speed_up
 
 # Shells start what runs in the background deaf to Ctrl-C, and some tests send one.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+# Trials are trained on the CPU wherever they are, and so are the agents that tests make by themselves.
+os.environ["CUDA_VISIBLE_DEVICES"] = ""
 
 
 def pytest_collection_finish():

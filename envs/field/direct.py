@@ -177,7 +177,10 @@ def _add_block(
             transmit.weights[part], transmit.ahead[part], receive.weights[part], receive.ahead[part],
             receive is not transmit, first[part], wave_numbers, fields, amplitudes, pulse, steps, bins,
         )  # fmt: skip
-        _add(fft.ifft(bins, axis=2, overwrite_x=True), begin[part], iq[part])
+        # Line by line: from SciPy 1.18 on, the bits of a transform depend on how many are asked for at once.
+        for line in bins:
+            line[:] = fft.ifft(line, axis=1, overwrite_x=True)
+        _add(bins, begin[part], iq[part])
 
     in_parallel(element_fields, divided(len(points)))
     in_parallel(echoes, divided(len(iq)))

@@ -80,7 +80,7 @@ def _table(anchors: Anchors, played: Sequence[Played], who: Mapping[str, str]) -
     rows: list[tuple[str, ...]] = [("number", "agent", "episodes", "return", "score", "ends at the goal")]
     for number, (agent, described) in enumerate(who.items()):
         own = [episode for episode in played if episode.agent == agent]
-        mean = float(np.mean([sum(episode.rewards) for episode in own]))
+        mean = float(np.mean([np.sum(episode.rewards) for episode in own]))
         success = np.mean([bool(episode.infos["is_success"][-1]) for episode in own])
         rows.append(
             (

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib
+import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.textpath import TextPath
 
@@ -47,7 +48,7 @@ def panels(
     heights = [height] * rows if isinstance(height, (int, float)) else list(height)
     wide = WIDTH if width is None else width * columns + 0.6
     with matplotlib.rc_context({"font.size": TEXT}):
-        figure = Figure(figsize=(wide, sum(heights) + 0.9), dpi=144, layout="constrained")
+        figure = Figure(figsize=(wide, float(np.sum(heights)) + 0.9), dpi=144, layout="constrained")
         axes = figure.subplots(rows, columns, squeeze=False, height_ratios=heights, **kwargs)
     for panel in axes.flat:
         panel.grid(alpha=0.3)

@@ -35,7 +35,7 @@ class Adviser:
             return self._certain(observation, info, step)
         seen: Any = policy.obs_to_tensor(senses.batch([observation]))[0]
         if isinstance(policy, RecurrentActorCriticPolicy):
-            first = torch.tensor([float(step == 0)])
+            first = torch.tensor([float(step == 0)], device=policy.device)
             distribution, self._memory = policy.get_distribution(seen, self._memory, first)
             return Advice(_probabilities(distribution))
         if isinstance(policy, ActorCriticPolicy):
@@ -54,7 +54,8 @@ class Adviser:
         self._memory = None
         if isinstance(self._policy, RecurrentActorCriticPolicy):
             shape = (self._policy.lstm_actor.num_layers, 1, self._policy.lstm_actor.hidden_size)
-            self._memory = (torch.zeros(shape), torch.zeros(shape))
+            zeros = torch.zeros(shape, device=self._policy.device)
+            self._memory = (zeros, zeros)
 
     def _certain(self, observation: Any, info: dict[str, Any], step: int) -> Advice:
         """Ask an agent that tells only its action."""
