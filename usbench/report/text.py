@@ -96,4 +96,5 @@ def _name_headers(tokens: list[Token]) -> None:
 
 
 def _raw(text: str) -> Token:
-    return Token("html_block", "", 0, content=text)
+    # No Markup: markdown-it-py 3 and 4.0 join it with the rest, which it then escapes.
+    return Token("html_block", "", 0, content=str(text))
