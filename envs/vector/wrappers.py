@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy as np
@@ -17,9 +17,12 @@ from usbench.envs.observation.wrappers import MEAN, STD, normalized_space, stack
 Flags = npt.NDArray[np.bool_]
 Step = tuple[Observation, npt.NDArray[Any], Flags, Flags, dict[str, Any]]
 VectorEnv = gym.vector.VectorEnv[Observation, npt.NDArray[Any], npt.NDArray[Any]]
-VectorWrapper = gym.vector.VectorWrapper[
-    Observation, npt.NDArray[Any], Observation, npt.NDArray[Any], npt.NDArray[Any]
-]
+if TYPE_CHECKING:
+    VectorWrapper = gym.vector.VectorWrapper[
+        Observation, npt.NDArray[Any], Observation, npt.NDArray[Any], npt.NDArray[Any]
+    ]
+else:  # before Gymnasium 1.4 the class takes no types
+    VectorWrapper = gym.vector.VectorWrapper
 
 
 class VectorImageStack(VectorWrapper):
