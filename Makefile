@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: help check-site check-links check-docker run task-pages test test-extras test-released test-faults slow lint format typecheck bench-sim bench-vector bench-train compare leaderboard search coverage paper ceilings unseen figures failures scores verify-submission release-agents docs clean
+.PHONY: help check-site check-links check-docker run task-pages test test-extras test-released test-lowest test-faults slow lint format typecheck bench-sim bench-vector bench-train compare leaderboard search coverage paper ceilings unseen figures failures scores verify-submission release-agents docs clean
 .DEFAULT_GOAL := help
 
 help:  ## show the jobs
@@ -43,6 +43,16 @@ slow: $(STAMP)  ## run the slow tests (learning, timing)
 
 test-released: $(STAMP)  ## play the trained agents of the package whose frames have to be simulated (5 minutes)
 	$(BIN)/python -m pytest -m slow tests/test_released.py
+
+# PyTorch is that of constraints.txt. Old versions are used in ways that new ones of others warn of.
+test-lowest: $(STAMP)  ## run some of the tests with the lowest versions that are allowed, in an environment of their own
+	$(PYTHON) -m venv $(VENV)-lowest
+	$(BIN)/python tests/lowest.py > $(VENV)-lowest/versions.txt
+	grep -E '^(torch|pytest|hypothesis)' constraints.txt >> $(VENV)-lowest/versions.txt
+	$(VENV)-lowest/bin/python -m pip install --disable-pip-version-check --quiet -c $(VENV)-lowest/versions.txt \
+		-e '.[guide,minari]' torch pytest pytest-xdist hypothesis
+	OMP_NUM_THREADS=1 $(VENV)-lowest/bin/python -m pytest -o filterwarnings=default -m "not slow" -n auto --dist worksteal \
+		tests/agents tests/cli tests/records tests/results tests/watch tests/envs/vector tests/envs/observation
 
 test-faults: $(STAMP)  ## kill, corrupt, interrupt and starve trials (minutes long; as root also full disks)
 	$(BIN)/python -m pytest -m faults -s tests/faults

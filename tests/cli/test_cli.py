@@ -77,6 +77,13 @@ def test_output_folder_that_cannot_be_written_is_refused(capsys, tmp_path, quick
     assert "choose another folder" in refusal(capsys, *RUN, "--out", str(tmp_path / "file" / "below"))
 
 
+@pytest.mark.parametrize("command", ["leaderboard", "compare", "transfer"])
+def test_a_folder_is_no_file_of_a_leaderboard(capsys, tmp_path, command):
+    for folder in (".", str(tmp_path)):
+        said = f"must be a file, for example leaderboard.md, not the folder {folder!r}"
+        assert said in refusal(capsys, command, "--leaderboard", folder)
+
+
 def test_trial_from_end_to_end_and_once_more(capsys, tmp_path, quick):
     argv = [*RUN, "--out", str(tmp_path)]
     assert cli.main(argv) == 0

@@ -88,11 +88,20 @@ def add_leaderboard_file(parser: argparse.ArgumentParser, default: str = str(LEA
     """Add the option for the file of the leaderboard; `default` says in words where it is without one."""
     parser.add_argument(
         "--leaderboard",
-        type=Path,
+        type=_file,
         default=LEADERBOARD,
         metavar="FILE",
         help=f"file to write (default {default})",
     )
+
+
+def _file(text: str) -> Path:
+    """Return the path of a file, which need not be there; a folder is none."""
+    if Path(text).is_dir():
+        raise argparse.ArgumentTypeError(
+            f"must be a file, for example {LEADERBOARD}, not the folder {text!r}"
+        )
+    return Path(text)
 
 
 def tell_watcher(text: str, quiet: bool = False) -> None:
