@@ -19,6 +19,7 @@ from usbench.agents.rows.entry import REPLAY, RUNNING, SEPARATE, TRUNK, Entry
 from usbench.agents.rows.reference import REFERENCE
 from usbench.agents.rows.unseen import UNSEEN
 from usbench.checks import check_seed, unknown
+from usbench.words import network_apart
 
 __all__ = [
     "TRUNK",
@@ -75,8 +76,9 @@ def entry(algo: str) -> Entry:
     """
     if algo in ZOO:
         return ZOO[algo]
-    if "+" in algo:
-        return _with_network(*algo.split("+", 1))
+    plain, network = network_apart(algo)
+    if network:
+        return _with_network(plain, network)
     registered = plugins.registered()
     place = registered.get(algo, algo)
     if ":" in place:
@@ -87,7 +89,7 @@ def entry(algo: str) -> Entry:
 
 def is_of_the_package(algo: str) -> bool:
     """Return whether `algo` is a row of the table, with its own network or another one."""
-    return algo.partition("+")[0] in ZOO
+    return network_apart(algo)[0] in ZOO
 
 
 def _with_network(algo: str, network: str) -> Entry:

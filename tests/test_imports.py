@@ -107,6 +107,7 @@ BELOW = tuple(
         "released",
         "tasks",
         "waiting",
+        "words",
     ]
 )
 SCENE = ("usbench.setting", "usbench.setting_files", "usbench.suite", "usbench.envs")

@@ -8,6 +8,7 @@ from functools import cache
 from importlib.resources import files
 
 from usbench.tasks import row_of
+from usbench.words import network_apart
 
 TABLE = "ceilings.csv"
 # Tasks with the poses, starts and phantoms for which the table was made.
@@ -51,7 +52,7 @@ def bound(task: str, senses: Iterable[str] | None = None, noise: float = 0.0) ->
 
 def taught(algo: str) -> str:
     """Return what is said of an algorithm ("name", "name+network") that is not ranked; "" of one that is."""
-    return TAUGHT.get(algo.partition("+")[0], "")
+    return TAUGHT.get(network_apart(algo)[0], "")
 
 
 @cache

@@ -1,7 +1,20 @@
-"""Dataclasses and errors in words, for keys and for people."""
+"""Dataclasses and errors in words, for keys and for people, and how algorithms are called."""
 
 from dataclasses import fields, is_dataclass
 from typing import Any
+
+NETWORK = "+"
+
+
+def with_network(algo: str, network: str) -> str:
+    """Return how an algorithm with another network than its own is called: "ppo+residual"."""
+    return f"{algo}{NETWORK}{network}"
+
+
+def network_apart(algo: str) -> tuple[str, str]:
+    """Return the name of an algorithm without its network, and the network, "" where it is its own."""
+    plain, _, network = algo.partition(NETWORK)
+    return plain, network
 
 
 def in_words(value: Any) -> str:

@@ -73,6 +73,7 @@ def _one(name: str) -> Table:
     from usbench import released, setting_files, suite
     from usbench.agents import plugins, zoo
     from usbench.checks import ConfigurationError, unknown
+    from usbench.words import network_apart
 
     if name in suite.TASKS:
         return _task(name)
@@ -85,9 +86,9 @@ def _one(name: str) -> Table:
         raise ConfigurationError(
             f"{name!r} is neither algorithm nor task but a probe: usbench defaults {name} shows its fields."
         )
-    if name not in zoo.ZOO and ":" not in name and "+" not in name and name not in plugins.registered():
-        known = [*zoo.ZOO, *plugins.registered(), *suite.TASKS]
-        raise ConfigurationError(str(unknown("algorithm or task", name, known)))
+    known = [*zoo.ZOO, *plugins.registered()]
+    if name not in known and ":" not in name and not network_apart(name)[1]:
+        raise ConfigurationError(str(unknown("algorithm or task", name, [*known, *suite.TASKS])))
     return _algorithm(name)
 
 

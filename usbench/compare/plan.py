@@ -13,6 +13,7 @@ from usbench.records import ConfigurationError, TrialConfig
 from usbench.results.agents import REFERENCE_POLICIES
 from usbench.results.protocol import unseen
 from usbench.trials.configuration import resolve
+from usbench.words import with_network
 
 
 def by_protocol(
@@ -43,7 +44,7 @@ def by_protocol(
     algos = algos or extra.rows or grid.rows
     protocol.check_winners(algos)
     if extra.network is not None:
-        algos = [algo if algo in REFERENCE_POLICIES else f"{algo}+{extra.network}" for algo in algos]
+        algos = [algo if algo in REFERENCE_POLICIES else with_network(algo, extra.network) for algo in algos]
     setting = {} if extra.n_frames is None else {"n_frames": extra.n_frames}
     planned = plan(
         algos,

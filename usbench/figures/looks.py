@@ -7,6 +7,8 @@ from zlib import crc32
 from matplotlib import colormaps
 from matplotlib.colors import to_hex
 
+from usbench.words import network_apart
+
 Look = dict[str, Any]
 
 LINES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)), (0, (1, 2, 4, 2)))
@@ -82,7 +84,7 @@ def noise(p: float) -> Look:
 
 def _other(name: str, taken: list[Look]) -> Look:
     algo, *settings = name.split()
-    plain, *network = algo.split("+", 1)
+    plain, network = network_apart(algo)
     base = KNOWN.get(plain)
     looks = _looks(crc32(name.encode()), (base["color"],) if base else OTHER_COLORS)
     if base is None:

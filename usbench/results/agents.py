@@ -9,6 +9,7 @@ from usbench.agents.zoo import ZOO, usual_envs
 from usbench.records import TrialConfig
 from usbench.results.tables import digest, n_frames, senses
 from usbench.tasks import PAPER, row_of
+from usbench.words import network_apart
 
 # In every comparison, beside the agents that learn; one trial of each is enough.
 REFERENCE_POLICIES = tuple(name for name, row in ZOO.items() if not row.learns)
@@ -100,7 +101,7 @@ def has_senses(trial: pd.Series) -> bool:
 
 def has_envs(trial: pd.Series) -> bool:
     """Return whether as many environments learn in step as the command takes by itself."""
-    settings, row = json.loads(trial["settings"]), ZOO.get(trial["algo"].partition("+")[0])
+    settings, row = json.loads(trial["settings"]), ZOO.get(network_apart(trial["algo"])[0])
     rollout = int(settings.get("n_steps", 0))
     usual = 1 if row is None else usual_envs(row, int(trial["steps"]), rollout)
     return bool(settings.get("n_envs", 1) == usual)
@@ -112,7 +113,7 @@ def changed_hyperparameters(trial: pd.Series) -> dict[str, Any]:
     One that the trial does not have is None. A network beside the paper's is part of the algorithm's name and
     has the same hyperparameters. Those of an algorithm of another package are what its class says.
     """
-    row = ZOO.get(trial["algo"].partition("+")[0])
+    row = ZOO.get(network_apart(trial["algo"])[0])
     if row is None:
         return {}
     settings = {**row.options, **json.loads(trial["settings"])}

@@ -15,10 +15,9 @@ from usbench.results import text
 from usbench.results.protocol import unseen
 from usbench.results.tables import Results, n_frames
 from usbench.tasks import row_of
+from usbench.words import network_apart
 
 GRID = "grid"
-# Between the name of an algorithm and that of its network.
-NETWORK = "+"
 
 
 class _Table(NamedTuple):
@@ -100,7 +99,7 @@ def _table_of(trial: Mapping[str, Any]) -> str:
     """Return the name of the table that a trial is of."""
     if unseen.has(trial["task"], trial["steps"]):
         return unseen.NAME
-    frames, network = n_frames(trial["settings"]), trial["algo"].partition(NETWORK)[2]
+    frames, network = n_frames(trial["settings"]), network_apart(trial["algo"])[1]
     if trial["steps"] == 0:
         elsewhere = frames in {table.n_frames for table in _further().values()} - {_default().n_frames}
         return "" if elsewhere else GRID
