@@ -275,7 +275,7 @@ print(sys.stderr.line)
         (["frame", "--task", "focal"], "simulating the frame, then drawing it: some seconds"),
         (["compare", "--algos", "vgp"], "looking at the trials"),
         (["search", "--algo", "vgp"], "looking at the records"),
-        (["transfer", "--leaderboard", "."], "loading PyTorch: some seconds; then"),
+        (["transfer", "--leaderboard", "nowhere.md"], "loading PyTorch: some seconds; then"),
         (["dataset", "--task", "focal", "--agent", "best"], "loading PyTorch: some seconds"),
     ],
 )
