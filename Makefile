@@ -44,15 +44,17 @@ slow: $(STAMP)  ## run the slow tests (learning, timing)
 test-released: $(STAMP)  ## play the trained agents of the package whose frames have to be simulated (5 minutes)
 	$(BIN)/python -m pytest -m slow tests/test_released.py
 
-# PyTorch is that of constraints.txt. Old versions are used in ways that new ones of others warn of.
-test-lowest: $(STAMP)  ## run some of the tests with the lowest versions that are allowed, in an environment of their own
+# PyTorch is that of constraints.txt. Old versions are used in ways of which others warn, and figures are those of
+# one matplotlib.
+test-lowest: $(STAMP)  ## run some tests with the lowest versions that pyproject.toml allows, in .venv-lowest (Python 3.11)
 	$(PYTHON) -m venv $(VENV)-lowest
 	$(BIN)/python tests/lowest.py > $(VENV)-lowest/versions.txt
-	grep -E '^(torch|pytest|hypothesis)' constraints.txt >> $(VENV)-lowest/versions.txt
+	grep -E '^(torch|pytest|pytest-xdist|hypothesis)==' constraints.txt >> $(VENV)-lowest/versions.txt
 	$(VENV)-lowest/bin/python -m pip install --disable-pip-version-check --quiet -c $(VENV)-lowest/versions.txt \
-		-e '.[guide,minari]' torch pytest pytest-xdist hypothesis
-	OMP_NUM_THREADS=1 $(VENV)-lowest/bin/python -m pytest -o filterwarnings=default -m "not slow" -n auto --dist worksteal \
-		tests/agents tests/cli tests/records tests/results tests/watch tests/envs/vector tests/envs/observation
+		-e '.[dask,guide,minari]' torch pytest pytest-xdist hypothesis
+	OMP_NUM_THREADS=1 $(VENV)-lowest/bin/python -m pytest -m "not slow" -o filterwarnings=default -n auto --dist worksteal \
+		--ignore tests/results/test_leaderboard_committed.py tests/agents tests/cli tests/compare tests/datasets \
+		tests/records tests/results tests/watch tests/envs/observation tests/envs/vector
 
 test-faults: $(STAMP)  ## kill, corrupt, interrupt and starve trials (minutes long; as root also full disks)
 	$(BIN)/python -m pytest -m faults -s tests/faults

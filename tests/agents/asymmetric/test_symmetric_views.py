@@ -72,7 +72,7 @@ def test_a_sample_is_a_view_of_its_step_with_the_steps_advantage_and_state(setti
                 number
                 for number in range(len(symmetries))
                 if same(shown, viewed(symmetries, number, one_of(seen, step)))
-                and symmetries.actions[number, actions[step]] == batch.actions[k, 0]
+                and symmetries.actions[number, int(actions[step])] == batch.actions[k, 0]
             ]
             assert views
             met.append((step, views))
