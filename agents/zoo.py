@@ -74,6 +74,8 @@ def entry(algo: str) -> Entry:
         ValueError: no algorithm has that name (the message says the closest name), or the algorithm has no
             network that the other one could replace.
     """
+    if not isinstance(algo, str):
+        raise unknown("algorithm", algo, ZOO)
     if algo in ZOO:
         return ZOO[algo]
     plain, network = network_apart(algo)

@@ -20,6 +20,7 @@ from usbench.envs.receiver import gain
 MOST_DB = 200
 # Of an image, m: no echo is simulated from farther away.
 MOST_SIZE = 0.5
+MOST_PIXELS = 100_000_000
 # Edge of the median filter: beyond it OpenCV's medians of bytes are wrong, without a word.
 MOST_MEDIAN = 255
 
@@ -30,7 +31,8 @@ class Imaging:
 
     Attributes:
         dynamic_range_db: Shown below the frame's maximum, at most 200; everything weaker is black.
-        height_px: Rows; the first begins at depth 0. The image is at most 0.5 m deep and wide.
+        height_px: Rows; the first begins at depth 0. The image is at most 0.5 m deep and wide, with at most
+            100 million pixels.
         width_px: Columns, centred on the probe.
         pixel_size: Edge of a pixel, m.
         median_size: Edge of the median filter, an odd number of pixels up to 255; 1 for none.
@@ -57,6 +59,10 @@ class Imaging:
         most = math.floor(MOST_SIZE / self.pixel_size * (1 + 1e-9))
         for name, high in (("height_px", most), ("width_px", most), ("median_size", MOST_MEDIAN)):
             object.__setattr__(self, name, whole_number(name, getattr(self, name), 1, high))
+        if self.height_px * self.width_px > MOST_PIXELS:
+            raise ValueError(
+                f"an image must have at most {MOST_PIXELS} pixels, not {self.height_px} x {self.width_px}."
+            )
         if self.median_size % 2 == 0:
             raise ValueError(f"median_size must be odd, not {self.median_size}.")
         if self.noise_db is not None:

@@ -200,6 +200,8 @@ def test_refuses_another_network_where_there_is_none_to_replace(algo: str) -> No
 def test_refuses_unknown_names() -> None:
     with pytest.raises(ValueError, match="unknown algorithm 'vgp' .did you mean 'vpg'"):
         zoo.hyperparameters("vgp", "pp", {})
+    with pytest.raises(ValueError, match="unknown algorithm 0"):
+        zoo.entry(0)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="allowed are 'vpg', 'vpg-tuned', .*, 'oracle'"):
         zoo.make("", Noise(), 0, {})
     with pytest.raises(ValueError, match="unknown preset of vpg 'spinupp' .did you mean 'spinup'"):

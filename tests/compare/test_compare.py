@@ -436,8 +436,7 @@ def test_unknown_algorithms_and_protocols_are_refused(capsys, here, argv, said):
 def test_leaderboard_that_cannot_be_written_is_refused_before_any_trial(here, capsys):
     (here / "file").write_text("")
     assert cli.main(["compare", *GRID, "--leaderboard", "file/leaderboard.md"]) == 2
-    assert cli.main(["compare", *GRID, "--leaderboard", "."]) == 2
-    assert capsys.readouterr().err.count("choose another file") == 2
+    assert "choose another file" in capsys.readouterr().err
     assert not Path("runs").exists()
 
 

@@ -267,6 +267,12 @@ def test_refuses_images_that_are_too_large(name, most):
         Imaging(**{name: most + 2})
 
 
+def test_refuses_images_of_too_many_pixels():
+    assert Imaging(height_px=10_000, width_px=10_000, pixel_size=2e-6)
+    with pytest.raises(ValueError, match="an image must have at most 100000000 pixels, not 10001 x 10000"):
+        Imaging(height_px=10_001, width_px=10_000, pixel_size=2e-6)
+
+
 def test_median_of_the_largest_size_is_that_of_numpy():
     image = np.random.default_rng(0).integers(0, 256, (90, 40), dtype=np.uint8)
     edge = MOST_MEDIAN // 2
