@@ -51,7 +51,7 @@ test-lowest: $(STAMP)  ## run some tests with the lowest versions that pyproject
 	$(BIN)/python tests/lowest.py > $(VENV)-lowest/versions.txt
 	grep -E '^(torch|pytest|pytest-xdist|hypothesis)==' constraints.txt >> $(VENV)-lowest/versions.txt
 	$(VENV)-lowest/bin/python -m pip install --disable-pip-version-check --quiet -c $(VENV)-lowest/versions.txt \
-		-e '.[dask,guide,minari]' torch pytest pytest-xdist hypothesis
+		-e '.[anatomy,dask,guide,minari,uff]' torch pytest pytest-xdist hypothesis
 	OMP_NUM_THREADS=1 $(VENV)-lowest/bin/python -m pytest -m "not slow" -o filterwarnings=default -n auto --dist worksteal \
 		--ignore tests/results/test_leaderboard_committed.py tests/agents tests/cli tests/compare tests/datasets \
 		tests/records tests/results tests/watch tests/envs/observation tests/envs/vector

@@ -138,7 +138,7 @@ def _head(figure: Figure, panels: dict[Panel, Any], with_updates: set[tuple[str,
             high += UPDATES
         row = axis.get_subplotspec().rowspan.start
         taken[row] = max(high, taken.get(row, 0.0))
-    figure.set_figheight(figure.get_figheight() + float(np.sum([*taken.values()])))
+    figure.set_figheight(figure.get_figheight() + sum(np.array([*taken.values()])))
 
 
 def _title(agent: str, title: str, wide: float) -> str:

@@ -45,10 +45,11 @@ def panels(
         height: Of the panels in inches, or one for each row.
         **kwargs: As of `Figure.subplots`.
     """
-    heights = [height] * rows if isinstance(height, (int, float)) else list(height)
+    # NumPy's numbers: all Pythons add them up alike, here and in matplotlib, but not their own.
+    heights = np.broadcast_to(np.asarray(height, np.float64), rows)
     wide = WIDTH if width is None else width * columns + 0.6
     with matplotlib.rc_context({"font.size": TEXT}):
-        figure = Figure(figsize=(wide, float(np.sum(heights)) + 0.9), dpi=144, layout="constrained")
+        figure = Figure(figsize=(wide, sum(heights) + 0.9), dpi=144, layout="constrained")
         axes = figure.subplots(rows, columns, squeeze=False, height_ratios=heights, **kwargs)
     for panel in axes.flat:
         panel.grid(alpha=0.3)
