@@ -138,6 +138,7 @@ def _head(figure: Figure, panels: dict[Panel, Any], with_updates: set[tuple[str,
             high += UPDATES
         row = axis.get_subplotspec().rowspan.start
         taken[row] = max(high, taken.get(row, 0.0))
+    # NumPy's numbers, as in `style.panels`.
     figure.set_figheight(figure.get_figheight() + sum(np.array([*taken.values()])))
 
 
