@@ -46,7 +46,7 @@ def panels(
         **kwargs: As of `Figure.subplots`.
     """
     # NumPy's numbers: all Pythons add them up alike, here and in matplotlib, but not their own.
-    heights = np.broadcast_to(np.asarray(height, np.float64), rows)
+    heights = list(np.broadcast_to(np.asarray(height, np.float64), rows))
     wide = WIDTH if width is None else width * columns + 0.6
     with matplotlib.rc_context({"font.size": TEXT}):
         figure = Figure(figsize=(wide, sum(heights) + 0.9), dpi=144, layout="constrained")
