@@ -163,6 +163,11 @@ def test_docs_show_what_the_committed_trials_say(tmp_path):
     for row in ablations.to_dict("records"):
         title = "nothing" if row["variant"] == "as it is" else row["variant"]
         assert f"| {title} | {' | '.join(shown(row))} |" in text
+    scaling = trial_table.intervals(rows[rows["table"] == "scaling"])
+    assert (scaling["seeds"] == STUDIES["scaling"].n_seeds).all()
+    for row in scaling.to_dict("records"):
+        steps = f"{row['steps']:,}".replace(",", " ")
+        assert f"| {steps} | {' | '.join(shown(row))} | {row['minutes']:.0f} |" in text
     for path in drawing.write(rows, tmp_path):
         assert path.read_bytes() == (unseen.DOCS / path.name).read_bytes()
 
