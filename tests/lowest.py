@@ -12,6 +12,6 @@ project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text
 groups = [own for name, own in project["optional-dependencies"].items() if name not in LEFT_OUT]
 for line in sorted({*project["dependencies"], *(line for group in groups for line in group)}):
     requirement = Requirement(line)
-    (floor,) = (one.version for one in requirement.specifier if one.operator in (">=", "=="))
+    (floor,) = (one.version for one in requirement.specifier if one.operator == ">=")
     if requirement.name != "torch":  # its lowest version is gigabytes with CUDA's libraries
         print(f"{requirement.name}=={floor}")

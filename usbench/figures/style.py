@@ -45,7 +45,7 @@ def panels(
         height: Of the panels in inches, or one for each row.
         **kwargs: As of `Figure.subplots`.
     """
-    # NumPy's numbers: all Pythons add them up alike, here and in matplotlib, but not their own.
+    # NumPy's numbers: from Python 3.12 on, `sum` rounds those of Python otherwise, here and in matplotlib.
     heights = list(np.broadcast_to(np.asarray(height, np.float64), rows))
     wide = WIDTH if width is None else width * columns + 0.6
     with matplotlib.rc_context({"font.size": TEXT}):
