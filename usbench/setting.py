@@ -235,9 +235,10 @@ class Setting:
     def symmetries(self) -> Symmetries:
         """Return what an observation and an action of the task become by its exact symmetries.
 
-        A custom anatomy has none but that which changes nothing.
+        Where the tissue is the same in all episodes, its speckle tells poses apart that would be alike
+        otherwise: there is none then but that which changes nothing.
         """
-        return symmetries(self.plain_env().senses, of_drawn_tissue=self.anatomy is None)
+        return symmetries(self.plain_env().senses, of_drawn_tissue=bool(self.row.phantoms))
 
     def teacher(self) -> Teacher:
         """Return who knows the costs of actions by what an agent with these senses can know at best.

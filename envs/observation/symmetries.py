@@ -1,7 +1,8 @@
 """Exact symmetries of a task: other observations and actions that mean the same.
 
-Tissue is drawn evenly on both sides of every axis, and the object is symmetric about its plane and its axis,
-as the beam is in elevation. So three changes of the scene leave an episode what it was, but for speckle:
+Where every episode draws its tissue, it does so evenly on both sides of every axis, and the object is
+symmetric about its plane and its axis, as the beam is in elevation. So three changes of the scene leave an
+episode what it was, but for speckle:
 
 * elevation reflected: both angles are negated. The picture stays, the two rotations swap.
 * the probe turned about: its angle grows by 180 degrees. The picture is mirrored, every action stays.
@@ -84,8 +85,8 @@ def symmetries(senses: Senses, *, of_drawn_tissue: bool = True) -> Symmetries:
 
     Args:
         senses: What the agent is told beside the frames.
-        of_drawn_tissue: Whether the tissue is drawn evenly on both sides of every axis, as that of a custom
-            anatomy is not: then the symmetry that changes nothing is the only one.
+        of_drawn_tissue: Whether every episode draws its tissue, evenly on both sides of every axis. Where it
+            does not, the symmetry that changes nothing is the only one.
     """
     task = senses.task
     found = []
