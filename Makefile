@@ -54,7 +54,7 @@ test-lowest: $(STAMP)  ## run some tests with the lowest versions that pyproject
 		-e '.[anatomy,dask,guide,minari,uff]' torch pytest pytest-xdist hypothesis
 	OMP_NUM_THREADS=1 $(VENV)-lowest/bin/python -m pytest -m "not slow" -o filterwarnings=default -n auto --dist worksteal \
 		--ignore tests/results/test_leaderboard_committed.py tests/agents tests/cli tests/compare tests/datasets \
-		tests/records tests/results tests/watch tests/envs/observation tests/envs/vector
+		tests/guide tests/records tests/results tests/watch tests/envs/observation tests/envs/vector
 
 test-faults: $(STAMP)  ## kill, corrupt, interrupt and starve trials (minutes long; as root also full disks)
 	$(BIN)/python -m pytest -m faults -s tests/faults

@@ -401,9 +401,12 @@ def test_without_the_extra_the_command_says_what_to_install(monkeypatch, capsys)
 @pytest.mark.parametrize("when", ["at once", "when it is ready"])
 def test_ctrl_c_ends_the_command_within_a_second_and_without_a_traceback(tmp_path, when):
     code = COMMAND.format(folder=str(Path(__file__).parents[1] / "support"), runs=str(tmp_path))
-    with subprocess.Popen(
-        [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as process:
+    command = [sys.executable, "-c", code]
+    with (
+        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process,
+        contextlib.ExitStack() as at_end,
+    ):
+        at_end.callback(process.kill)  # also where something fails
         url, _, token = process.stdout.readline().split()[4].partition("?token=")
         if when == "at once":
             assert json.loads(ask(url + "state", token=token)[1])["busy"]

@@ -64,7 +64,7 @@ def application(desk: Desk, token: str) -> Starlette:
     return Starlette(
         routes=routes,
         # Another site's name may be made to lead to loopback.
-        middleware=[Middleware(TrustedHostMiddleware, [HOST, "localhost"])],
+        middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=[HOST, "localhost"])],
         exception_handlers={Refused: _refusal},
     )
 
