@@ -161,6 +161,22 @@ def test_the_page_of_failures_says_the_numbers_of_the_second_network():
         assert cells.split(" | ") == expected
 
 
+def test_the_page_of_agents_says_the_numbers_of_double_dqn_on_the_papers_tasks():
+    page = (ROOT / "docs" / "agents.md").read_text().split("### On the paper's tasks")[1].split("\n### ")[0]
+    said = re.findall(r"^\| `(\w+)`, ([\d.]+) \| (.*) \|$", page, re.MULTILINE)
+    here, grid = (
+        pd.read_csv(ROOT / folder / "scores.csv").query("actions == 'greedy' and table == 'grid'")
+        for folder in ("tables/double-dqn", ".")
+    )
+    assert len(said) == 6
+    for task, noise, cells in said:
+        cell = f"task == {task!r} and noise == {noise}"
+        rows = grid.query(f"{cell} and agent not in ['oracle', 'random', 'stay']")
+        shown = [here.query(f"{cell} and agent == 'double_dqn'").iloc[0], rows.loc[rows["score"].idxmax()]]
+        own, best = (f"{row.score:.3f} [{row.score_low:.3f}, {row.score_high:.3f}]" for row in shown)
+        assert cells.split(" | ") == [own, f"`{shown[1].agent}` {best}"]
+
+
 def test_the_page_of_failures_says_how_often_agents_miss_the_object():
     page = (ROOT / "docs" / "failures.md").read_text().split("**Missing the object**")[1].split("\n## ")[0]
     said = [row.split(" | ")[1:] for row in re.findall(r"^  \| (.+ %) \|$", page, re.MULTILINE)]
