@@ -19,6 +19,7 @@ from state_files import read_state
 
 from usbench import records
 from usbench.compare import expected, sweep
+from usbench.records.lock import lock_of
 from usbench.trials.configuration import resolve
 
 
@@ -88,6 +89,22 @@ def test_failed_trial_is_named_and_the_others_go_on(quick, tmp_path, monkeypatch
     outcomes = run(plan("stay", "random"), tmp_path)
     assert [outcome.config.algo for outcome in outcomes] == ["stay", "random"]
     assert "No space left" in outcomes[0].reason and outcomes[1].reason is None
+
+
+def test_what_another_process_runs_comes_after_the_rest(quick, tmp_path):
+    configs = plan("random", "stay")
+    lock = lock_of(tmp_path / configs[0].folder_name)
+    lock.acquire()
+
+    class Releasing(Notes):
+        def ended(self, outcome):
+            super().ended(outcome)
+            lock.release()
+
+    notes = Releasing()
+    run(configs, tmp_path, notes=notes)
+    assert [outcome.config.algo for outcome in notes.ended_with] == ["stay", "random"]
+    assert [outcome.reason for outcome in notes.ended_with] == [None, None]
 
 
 def test_broken_record_fails_its_trial_only(quick, tmp_path):

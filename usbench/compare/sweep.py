@@ -22,6 +22,7 @@ from usbench.agents.zoo import entry
 from usbench.compare import expected
 from usbench.compare.expected import Expected
 from usbench.records import ConfigurationError, TrialConfig, check_writable
+from usbench.records.lock import is_held
 from usbench.setting import Setting
 from usbench.trials import runner
 from usbench.trials.finished import find_finished
@@ -155,7 +156,7 @@ def _outcomes(
     deaths: Counter[str] = Counter()
     while queue or running:
         while queue and free:
-            config, slot = queue.popleft(), free.popleft()
+            config, slot = _next(queue, out), free.popleft()
             try:
                 future = slots[slot].submit(working, config, out)
             except BrokenExecutor:  # it died between two trials
@@ -179,6 +180,14 @@ def _outcomes(
                 continue
             reason = f"its process died {RETRIES + 1} times (killed, or out of memory)"
         yield Outcome(config, reason)
+
+
+def _next(queue: deque[TrialConfig], out: Path) -> TrialConfig:
+    """Take the first trial that no other process runs, or the first of all where others run each of them."""
+    place = next((k for k, config in enumerate(queue) if not is_held(out / config.folder_name)), 0)
+    config = queue[place]
+    del queue[place]
+    return config
 
 
 def work(config: TrialConfig, out: Path, **options: Any) -> str | None:

@@ -24,6 +24,19 @@ def lock_of(place: Path) -> FileLock:
     return FileLock(path, timeout=0, thread_local=False)
 
 
+def is_held(place: Path) -> bool:
+    """Return whether another process holds the lock of a folder or a file.
+
+    Raises:
+        OSError: If the lock's file cannot be made.
+    """
+    try:
+        with lock_of(place):
+            return False
+    except Timeout:
+        return True
+
+
 @contextlib.contextmanager
 def locked(place: Path) -> Iterator[None]:
     """Hold the lock of a folder or a file, which another process may hold: then wait until it is free.
