@@ -12,6 +12,7 @@ from usbench.guide import agents, examination, study
 from usbench.guide.session import Session
 from usbench.records import ConfigurationError
 from usbench.records.journal import read_rows
+from usbench.records.lock import locked
 from usbench.results import studies
 from usbench.setting import Setting
 from usbench.trials.evaluation import Evaluator
@@ -119,6 +120,14 @@ def test_a_study_is_played_in_one_guide_at_a_time(tmp_path):
     thread.start()
     thread.join()
     assert Session(tmp_path, study="anna").study.n_done == 0
+
+
+def test_a_guide_that_is_refused_records_nothing_of_a_study(tmp_path):
+    """The one that plays it may not have begun its record yet: it would go on with another's."""
+    with locked(study.folder_of(tmp_path, "anna")):
+        with pytest.raises(ConfigurationError, match="the study 'anna' is played in another guide"):
+            Session(tmp_path, study="anna")
+        assert not (study.folder_of(tmp_path, "anna") / study.STUDY).exists()
 
 
 def unopened(setting):

@@ -75,17 +75,22 @@ class Study:
         self.folder, self.plays = folder_of(runs, name), plan(name, setting)
         record = {"study": name, "task": setting.task, "noise": setting.noise, "agent": agent}
         record["plays"] = len(self.plays)
+        record |= {"anchors": asdict(setting.anchors()), "environment": setting.record()}
+        self._has_begun(record)  # First: other options are wrong whoever plays it.
         try:
-            self._begin({**record, "anchors": asdict(setting.anchors()), "environment": setting.record()})
             self._lock = lock_of(self.folder)
-        except OSError as error:
-            raise unwritable(self.folder, error) from error
-        try:
             self._lock.acquire()
         except Timeout:
             raise ConfigurationError(
                 f"the study {name!r} is played in another guide: end that one first."
             ) from None
+        except OSError as error:
+            raise unwritable(self.folder, error) from error
+        try:
+            self._begin(record)
+        except BaseException:
+            self.close()
+            raise
         cut_torn_line(self.folder / EVALUATIONS)
         self.n_done = sum(row["player"] in (HUMAN, ADVISED) for row in read_rows(self.folder / EVALUATIONS))
         self._steps: list[tuple[int | None, bool, float | None]] = []
@@ -157,12 +162,21 @@ class Study:
         return line.as_row() | {"player": player}
 
     def _begin(self, record: dict[str, Any]) -> None:
+        """Write the record of the study, unless it has begun."""
+        if self._has_begun(record):
+            return
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            with atomic_file(self.folder / STUDY) as file:
+                file.write(json.dumps(record, indent=1).encode())
+        except OSError as error:
+            raise unwritable(self.folder, error) from error
+
+    def _has_begun(self, record: dict[str, Any]) -> bool:
+        """Return whether the study has begun; ConfigurationError if it has begun otherwise."""
         path = self.folder / STUDY
         if not path.is_file():
-            self.folder.mkdir(parents=True, exist_ok=True)
-            with atomic_file(path) as file:
-                file.write(json.dumps(record, indent=1).encode())
-            return
+            return False
         try:
             # Studies of earlier versions do not tell how much is played.
             before = {"plays": record["plays"], **json.loads(path.read_text(encoding="utf-8"))}
@@ -174,6 +188,7 @@ class Study:
                 f"the study {self.name!r} has begun with another {_said(differing[0], before, now)}: "
                 "give the same options as before, or choose another name."
             )
+        return True
 
 
 def _said(name: str, before: dict[str, Any], now: dict[str, Any]) -> str:
