@@ -219,13 +219,17 @@ def test_trial_that_ended_in_the_last_moment_before_a_kill_is_not_lost(quick, ru
     assert len(calls) == 10 - 2
 
 
+# What PyTorch's distributions say of logits that are no numbers.
+INVALID = "Expected parameter logits to satisfy the constraint, but found invalid values: tensor([nan])"
+
+
 def test_training_that_diverged_is_recorded_and_its_candidate_comes_last(quick, rules, tmp_path, monkeypatch):
     bad = candidates("a2c", 3)[1]["learning_rate"]
     real = runner._Run._train_and_evaluate
 
     def diverging(self, goes_on):
         if self.config.hyperparameters["learning_rate"] == bad:
-            raise ValueError("the logits are nan")
+            raise ValueError(INVALID)
         real(self, goes_on)
 
     monkeypatch.setattr(runner._Run, "_train_and_evaluate", diverging)
@@ -286,7 +290,7 @@ def test_the_protocol_in_the_documentation_is_one(tmp_path):
 
 def test_search_in_which_every_training_diverged_has_no_winner(quick, rules, tmp_path, monkeypatch):
     def diverging(self, goes_on):
-        raise ValueError("the logits are nan")
+        raise ValueError(INVALID)
 
     monkeypatch.setattr(runner._Run, "_train_and_evaluate", diverging)
     with pytest.raises(RuntimeError, match="no candidate of a2c has a score"):
@@ -301,8 +305,17 @@ def no_memory(*_):
     torch.empty(1 << 52)
 
 
+def no_thread(*_):
+    raise RuntimeError("can't start new thread")
+
+
 @pytest.mark.parametrize(
-    ("fail", "said"), [(no_space, "No space left"), (no_memory, "can't allocate memory")]
+    ("fail", "said"),
+    [
+        (no_space, "No space left"),
+        (no_memory, "can't allocate memory"),
+        (no_thread, "can't start new thread"),
+    ],
 )
 def test_trial_that_the_machine_failed_is_tried_again(quick, rules, tmp_path, monkeypatch, fail, said):
     with monkeypatch.context() as full:

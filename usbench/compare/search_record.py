@@ -18,9 +18,9 @@ from usbench.records import ConfigurationError, Trial, TrialConfig
 from usbench.records.journal import append_all, cut_torn_line, read_rows
 from usbench.records.lock import locked
 
-# What a training that diverges fails with; anything else is the machine's, as memory is that PyTorch lacks.
-DIVERGED = (records.DIVERGED, "ValueError", "RuntimeError", "FloatingPointError")
-NO_MEMORY = "allocate memory"
+# What a training that diverges fails with, the last as PyTorch's distributions say it; anything else is the
+# machine's, or a defect.
+DIVERGED = (records.DIVERGED, "FloatingPointError", "but found invalid values")
 _FOLDER = "folder of the records"
 # Of each trial, beside its place.
 RECORDED = ("steps", "score", "training_s", "trial")
@@ -77,7 +77,7 @@ class SearchRecord:
         if trial.status == "finished":
             last = trial.last_evaluation(deterministic=True)
             score = round(float(last["normalized_score"].mean()), 6)
-        elif not str(trial.reason).startswith(DIVERGED) or NO_MEMORY in str(trial.reason):
+        elif not any(told in str(trial.reason) for told in DIVERGED):
             return False
         told = {
             "steps": config.steps,
