@@ -14,6 +14,7 @@ from usbench import cli, records, released, suite
 from usbench.checks import ConfigurationError
 from usbench.compare import submission
 from usbench.records import checksums
+from usbench.records.lock import locked
 from usbench.results import additions, leaderboard, tables
 from usbench.setting import Setting
 from usbench.trials import runner
@@ -102,6 +103,16 @@ def sooner(rows):
     rows[-1]["steps_to_goal"] = 1 if rows[-1]["steps_to_goal"] is None else None
 
 
+def long_after(rows):
+    for row in rows:
+        row["step"] *= 100
+
+
+def at_once(rows):
+    for row in rows:
+        row["step"] = 0
+
+
 def infinite(rows):
     rows[-1]["actions"][0] = float("inf")
 
@@ -140,6 +151,8 @@ def from_the_end(rows):
         (flatter, "has the final sin angle "),
         (sooner, "has the steps to goal "),
         (infinite, "cannot be played again"),
+        (long_after, "do not take place at growing training steps, the last at 64."),
+        (at_once, "do not take place at growing training steps, the last at 64."),
         (of_no_list, "cannot be played again"),
         (of_fractions, "are not the episodes 0 to"),
         (from_the_end, "are not the episodes 0 to"),
@@ -177,6 +190,15 @@ def test_a_record_that_was_changed_without_its_checksum_is_damaged(runs):
         ({"environment": {"senses": ["position"]}}, "or senses are not those of pp."),
         ({"seed": 3}, "its seed 3 is not one of those that are kept for comparisons, 100 to 999"),
         ({"steps": 32}, "it trained for 32 steps: the budget of pp is 64"),
+        ({"n_frames": 16}, "its observations have 16 frames: those of pp have 4."),
+        (
+            {"algo": "mine:Agent"},
+            "must have the name of its configuration, pp-p0.5-mine.Agent-s100-",
+        ),
+        (
+            {"task": "setup", "environment": Setting(task="setup-v0").record()},
+            "its anatomy, probe, imaging, reward or senses are not those of setup.",
+        ),
         ({"noise": 0.25}, "its exact returns (optimum, random, idle agent) are not those"),
     ],
 )
@@ -244,6 +266,34 @@ def test_shorter_trials_of_one_s_own_are_added_without_a_mark(runs, monkeypatch)
     tables.write(known.of(known.trials.head(0)), leaderboard.prepare(Path("leaderboard.md")))
     assert cli.main(["leaderboard", "--add", "mine"]) == 0
     assert additions.unverified(Path("leaderboard_files")) == []
+
+
+def test_a_training_with_holes_is_found(runs):
+    folder = records.trial_folders(runs)[0]
+    rewrite(folder, records.EPISODES, lambda rows: rows.__delitem__(slice(1, None)))
+    (told,) = submission.problems(folder)
+    assert told.startswith("no training episode ends within the 48 steps from step 16 to 64: on pp one does")
+
+
+def test_trials_that_two_processes_add_at_once_are_all_there(runs, monkeypatch):
+    monkeypatch.setattr("usbench.figures.comparison.write", lambda *_: [])
+    known = tables.collect(runs)
+    folder = leaderboard.prepare(Path("leaderboard.md"))
+    tables.write(known.of(known.trials.head(0)), folder)
+    first, second = records.trial_folders(runs)
+    shutil.copytree(first, Path("one") / first.name)
+    added = additions.add
+
+    def meanwhile(*args, **kwargs):
+        """Another process adds a trial after this one has read the tables."""
+        monkeypatch.setattr(additions, "add", added)
+        with locked(folder / tables.TRIALS):
+            tables.write(known.of(known.trials[known.trials["trial"] == second.name]), folder)
+        return added(*args, **kwargs)
+
+    monkeypatch.setattr(additions, "add", meanwhile)
+    assert cli.main(["leaderboard", "--add", "one"]) == 0
+    assert set(tables.read(folder).trials["trial"]) == {first.name, second.name}
 
 
 def test_other_frames_are_told_and_refuse_nothing(runs, capsys):

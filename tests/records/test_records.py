@@ -149,6 +149,27 @@ def test_trial_file_that_does_not_fit_into_the_memory_is_refused(tmp_path, monke
         Trial.read(tmp_path)
 
 
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"versions": {"<img src=x>": "1"}},
+        {"versions": {"numpy": "2\r"}},
+        {"config": asdict(CONFIG) | {"algo": r"mine:$\frac$"}},
+    ],
+)
+def test_a_record_with_markup_in_a_name_is_refused(tmp_path, changes):
+    write_state(tmp_path, {"status": "running", "config": asdict(CONFIG), "anchors": ANCHORS} | changes)
+    with pytest.raises(ValueError, match=r"is not a trial record: its .* cannot be"):
+        Trial.read(tmp_path)
+
+
+def test_a_line_with_a_key_that_a_table_has_itself_does_not_stop_the_table(tmp_path):
+    write_state(tmp_path, {"status": "running", "config": asdict(CONFIG), "anchors": ANCHORS})
+    with Journal(tmp_path / records.EVALUATIONS) as journal:
+        journal.append([evaluation().as_row() | {"task": "fp"}])
+    assert list(records.load(tmp_path)["task"]) == ["pp"]
+
+
 def test_unknown_status_is_refused(tmp_path):
     with pytest.raises(ValueError, match="'running', 'interrupted', 'failed' or 'finished'"):
         write_state(tmp_path, state("done"))

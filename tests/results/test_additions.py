@@ -66,6 +66,13 @@ def test_new_trial_with_a_seed_of_another_pool_is_refused(seed, said):
         additions.add(made(trial("vpg", seed=100)), made(mine))
 
 
+def test_a_trial_with_the_name_of_another_is_refused():
+    known = trial("ppo", 1.0, seed=100)
+    mine = trial("vpg", 0.1, seed=100, trial=known["trial"])
+    with pytest.raises(ConfigurationError, match=f"{known['trial']} cannot be added: another trial of the"):
+        additions.add(made(known), made(mine))
+
+
 def test_seeds_of_known_trials_and_of_agents_that_do_not_learn_are_free():
     # Tables of earlier versions have seeds from 0 on, and can be verified.
     known = made(trial("vpg", 0.5, seed=0))

@@ -139,6 +139,11 @@ def test_unfinished_trials_are_named_with_their_reason():
     ]
 
 
+def test_the_reason_of_a_trial_is_no_markup():
+    (found,) = notes(trial("vpg", status="failed", reason="got *this*, <script>alert(1)</script>"))
+    assert not set("*<>") & set(found)
+
+
 def test_configurations_are_told_apart_by_what_differs():
     other = {"configuration": "00000002", "settings": '{"environment": "e", "gamma": 0.9}'}
     note, _ = notes(trial("vpg"), trial("vpg", seed=101), trial("vpg", **other))

@@ -119,6 +119,26 @@ def test_what_an_agent_is_told_is_no_part_of_its_environment(tmp_path):
     assert json.loads(first)["environment"] == json.loads(second)["environment"]
 
 
+def test_hyperparameters_hide_no_setting(tmp_path):
+    own = {"n_frames": 4, "n_envs": 1, "senses": "position", "environment": "pp"}
+    write_trial(tmp_path, config(n_frames=16, n_envs=2, hyperparameters=own))
+    settings = tables.collect(tmp_path).trials["settings"].iloc[0]
+    assert (tables.n_frames(settings), tables.senses(settings)) == (16, ())
+    assert json.loads(settings)["n_envs"] == 2 and json.loads(settings)["environment"] != "pp"
+
+
+@pytest.mark.parametrize("steps", [[0, 0], [50, 0]])
+def test_evaluations_that_are_out_of_order_are_damaged(tmp_path, steps):
+    folder = write_trial(tmp_path, config())
+    path = folder / records.EVALUATIONS
+    rows = [json.loads(line) for line in path.read_text().splitlines()]
+    for row in rows:
+        row["step"] = steps[row["checkpoint"] > 0]
+    path.write_text("".join(json.dumps(row) + "\n" for row in rows))
+    with pytest.raises(ValueError, match="is damaged: the training steps of its evaluations do not grow"):
+        tables.collect(tmp_path)
+
+
 def test_configuration_is_the_same_for_every_seed_and_differs_otherwise(tmp_path):
     for each in (config(0), config(1), config(0, hyperparameters={"gamma": 0.8})):
         write_trial(tmp_path, each)
@@ -154,7 +174,7 @@ def test_trial_killed_in_its_first_moment_is_missing(tmp_path):
 def test_written_and_read_back_without_a_change(tmp_path):
     for seed in (0, 1):
         write_trial(tmp_path / "runs", config(seed), timings={"training_s": 1 / 3})
-    write_trial(tmp_path / "runs", config(2), status="failed", reason='a "quoted", long\nreason')
+    write_trial(tmp_path / "runs", config(2), status="failed", reason='a "quoted", long\r\nreason')
     known = tables.collect(tmp_path / "runs")
     paths = tables.write(known, tmp_path / "small")
     first = [path.read_bytes() for path in paths]

@@ -109,22 +109,26 @@ def _write_trials(args: argparse.Namespace) -> Path:
 
 def _add_trials(args: argparse.Namespace, path: Path) -> None:
     """Add the trials in a folder to the tables of the leaderboard `path`, and tell what became of them."""
+    from usbench.records.lock import locked
     from usbench.results import additions, held_out, leaderboard, published, studies, tables
 
     known = _gathered(args.add)
     folder = leaderboard.files(path)
-    addition = additions.add(tables.read(published.or_own(folder)), known, replace=args.replace)
-    checked = _told(addition, args.add, replaced=args.replace)
+    # Before anything is written: it may be refused.
+    additions.add(tables.read(published.or_own(folder)), known)
     leaderboard.prepare(path)
-    if published.bring(folder):
-        print(FROM_THE_PACKAGE.format(folder), file=sys.stderr)
-    if args.replace:
-        for name in held_out.forget(folder, [one.trial for one in addition.other]):
-            print(FORGOTTEN.format(name), file=sys.stderr)
-    # The marks first: a trial that is not verified is never there without its mark.
-    additions.mark_unverified(folder, checked, [name for name, told in checked.items() if told])
-    tables.write(addition.results, folder)
-    studies.write(studies.add(studies.read(folder), studies.gather(args.add)), folder)
+    with locked(folder / tables.TRIALS):
+        addition = additions.add(tables.read(published.or_own(folder)), known, replace=args.replace)
+        checked = _told(addition, args.add, replaced=args.replace)
+        if published.bring(folder):
+            print(FROM_THE_PACKAGE.format(folder), file=sys.stderr)
+        if args.replace:
+            for name in held_out.forget(folder, [one.trial for one in addition.other]):
+                print(FORGOTTEN.format(name), file=sys.stderr)
+        # The marks first: a trial that is not verified is never there without its mark.
+        additions.mark_unverified(folder, checked, [name for name, told in checked.items() if told])
+        tables.write(addition.results, folder)
+        studies.write(studies.add(studies.read(folder), studies.gather(args.add)), folder)
 
 
 def _gathered(folder: Path) -> Results:

@@ -9,6 +9,7 @@ from usbench import records
 from usbench.compare.own_task import is_on_its_task
 from usbench.figures import comparison
 from usbench.records import ConfigurationError, TrialConfig
+from usbench.records.lock import locked
 from usbench.results import additions, held_out, leaderboard, studies, tables
 from usbench.results.tables import Results
 
@@ -66,15 +67,16 @@ def place(
 
 def write_tables(known: Results, folder: Path) -> None:
     """Write the tables of a leaderboard, and forget tests and marks of trials that were trained anew."""
-    try:
-        before = tables.read(folder)
-    except (FileNotFoundError, ValueError):  # no tables, or none that can be read
-        before = None
-    if before is not None:
-        anew = [one.trial for one in additions.repeated(before, known)[1]]
-        held_out.forget(folder, anew)
-        additions.mark_unverified(folder, anew, ())
-    tables.write(known, folder)
+    with locked(folder / tables.TRIALS):
+        try:
+            before = tables.read(folder)
+        except (FileNotFoundError, ValueError):  # no tables, or none that can be read
+            before = None
+        if before is not None:
+            anew = [one.trial for one in additions.repeated(before, known)[1]]
+            held_out.forget(folder, anew)
+            additions.mark_unverified(folder, anew, ())
+        tables.write(known, folder)
 
 
 def report(planned: Sequence[TrialConfig], out: Path, path: Path) -> list[Path]:

@@ -4,6 +4,7 @@ What an agent did in its evaluations is recorded action by action. Played again 
 list, these actions must give the recorded returns: nobody has to trust a number that somebody has sent.
 """
 
+import itertools
 import json
 import math
 import shutil
@@ -18,7 +19,8 @@ from usbench.checks import ConfigurationError
 from usbench.compare.own_task import is_on_its_task
 from usbench.records import Trial
 from usbench.records.facts import Facts
-from usbench.results.protocol import unseen
+from usbench.results import tables
+from usbench.results.protocol import further, unseen
 from usbench.setting import Setting
 
 # What a submission holds of each trial; its weights are not asked for.
@@ -46,6 +48,7 @@ def problems(folder: Path, *, records_alone: bool = False) -> list[str]:
         return [str(error)]
     configuration = [] if records_alone else _of_configuration(trial, setting)
     return [
+        *([] if records_alone else _of_name(trial)),
         *configuration,
         *([] if configuration else _of_anchors(trial, setting)),
         *_of_training(trial, episodes),
@@ -113,12 +116,24 @@ def write(folders: Sequence[Path], out: Path) -> Path:
     return out
 
 
+def _of_name(trial: Trial) -> list[str]:
+    """Return a sentence if its folder has another name, as that of a rival's trial."""
+    own = trial.config.folder_name
+    return [] if trial.name == own else [f"its folder must have the name of its configuration, {own}."]
+
+
 def _of_configuration(trial: Trial, setting: Setting) -> list[str]:
     config, found = trial.config, []
     of_unseen = unseen.has(config.task, config.steps)
-    plain = json.loads(json.dumps(Setting(task=setting.task).record()))
+    plain = json.loads(json.dumps(Setting(task=config.task).record()))
     if not (is_on_its_task(config) if of_unseen else dict(config.environment) == plain):
         found.append(f"its anatomy, probe, imaging, reward or senses are not those of {config.task}.")
+    frames = further.frames_of(config.task, config.noise)
+    if config.steps and not of_unseen and config.n_frames not in frames:
+        allowed = " or ".join(map(str, sorted(frames)))
+        found.append(
+            f"its observations have {config.n_frames} frames: those of {config.task} have {allowed}."
+        )
     if not of_unseen and config.steps not in (0, setting.row.steps):
         found.append(
             f"it trained for {config.steps} steps: the budget of {config.task} is {setting.row.steps}."
@@ -141,11 +156,20 @@ def _of_anchors(trial: Trial, setting: Setting) -> list[str]:
 
 
 def _of_training(trial: Trial, episodes: pd.DataFrame) -> list[str]:
-    if episodes.empty:
-        return [] if trial.config.steps == 0 else ["it has no training episodes."]
-    steps = episodes["step"]
-    if not steps.is_monotonic_increasing or steps.iloc[-1] > trial.config.steps:
-        return [f"its training episodes end after {steps.max()} steps, beyond the budget, or out of order."]
+    """Return what is wrong with the training episodes, one of which ends within every so many steps."""
+    config = trial.config
+    longest = suite.TASKS[config.task].n_steps * config.n_envs
+    if episodes.empty and config.steps > longest:
+        return ["it has no training episodes."]
+    ends = [0, *(() if episodes.empty else episodes["step"]), config.steps]
+    if ends != sorted(ends):
+        return [f"its training episodes end after {max(ends)} steps, beyond the budget, or out of order."]
+    for before, after in itertools.pairwise(ends):
+        if after - before > longest:
+            return [
+                f"no training episode ends within the {after - before} steps from step {before} to {after}: "
+                f"on {config.task} one does within {longest}."
+            ]
     return []
 
 
@@ -154,7 +178,8 @@ def _of_evaluations(trial: Trial, evaluations: pd.DataFrame) -> list[str]:
 
     A rollout may pass over a point between the first and the last.
     """
-    points = suite.evaluation_points(trial.config.task, trial.config.steps)
+    total = trial.config.steps
+    points = suite.evaluation_points(trial.config.task, total)
     every = list(range(len(suite.evaluation_episodes(trial.config.task))))
     if evaluations.empty:
         return ["it has no evaluations."]
@@ -169,6 +194,9 @@ def _of_evaluations(trial: Trial, evaluations: pd.DataFrame) -> list[str]:
                 f"its evaluations with {kind} actions are not the episodes 0 to {every[-1]}, each once, "
                 f"at the first and the last of {points} and at those between that it has."
             ]
+    early = evaluations["step"] < evaluations["checkpoint"]
+    if early.any() or evaluations["step"].max() != total or not tables.trained_grows(evaluations):
+        return [f"its evaluations do not take place at growing training steps, the last at {total}."]
     return []
 
 

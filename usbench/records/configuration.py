@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Annotated, Any, ClassVar
 
 from annotated_types import Ge, Le, Lt
+from pydantic import StringConstraints
 
 # In the configuration of an environment: the file of a custom anatomy. The phantom tells its content.
 VOLUME = "volume"
@@ -38,7 +39,7 @@ class TrialConfig:
     __pydantic_config__: ClassVar[dict[str, Any]] = {"strict": True, "allow_inf_nan": False}
 
     task: str
-    algo: str
+    algo: Annotated[str, StringConstraints(pattern=r"^[\w.+:-]+$")]
     noise: Annotated[float, Ge(0), Le(1)]
     seed: Annotated[int, Ge(0), Lt(2**32)]
     steps: Annotated[int, Ge(0), Lt(2**53)]

@@ -46,6 +46,8 @@ CELL = ("task", "noise", "algo", "seed")
 EXPLORATION = "exploration_final_eps"
 # None that leads elsewhere.
 RecordFile = Annotated[str, StringConstraints(pattern=r"^(episodes|evaluations)\.jsonl$")]
+# No markup: pages show it.
+Version = Annotated[str, StringConstraints(pattern=r"^[\w.+!-]*$")]
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -98,7 +100,7 @@ class Trial:
     timings: Mapping[str, float] = Field(default_factory=dict)
     frames: Frames | None = None
     explores: bool = False
-    versions: Mapping[str, str] = Field(default_factory=dict)
+    versions: Mapping[Version, Version] = Field(default_factory=dict)
     platform: str = ""
     started: str = ""
     code: str = ""
@@ -268,7 +270,9 @@ def load(
         if rows.empty:
             continue
         cell = {key: getattr(trial.config, key) for key in CELL}
-        for column, value in reversed({"trial": trial.name, **cell, "status": trial.status}.items()):
+        own = {"trial": trial.name, **cell, "status": trial.status}
+        rows = rows.drop(columns=own.keys(), errors="ignore")
+        for column, value in reversed(own.items()):
             rows.insert(0, column, value)
         parts.append(rows)
     if not parts:

@@ -61,13 +61,15 @@ def add(known: Results, added: Results, *, replace: bool = False) -> Addition:
     has other numbers: that a trial was repeated changes nothing.
 
     Raises:
-        ConfigurationError: If a trial that is new has a seed that is not kept for comparisons.
+        ConfigurationError: If a trial that is new has a seed that is not kept for comparisons, or the name
+            of another trial.
     """
     _check_seeds(_others(added, known.trials).trials)
     same, other = repeated(known, added)
     kept = [*same, *(() if replace else (one.trial for one in other))]
     rest = _others(added, known.trials[known.trials["trial"].isin(kept)])
     results = joined(known, rest)
+    _check_names(results.trials)
     own = _named(results.trials)
     own = own[own["trial"].isin(added.trials["trial"]) & (own["agent"] != own["algo"])]
     new = list(rest.trials.loc[rest.trials["status"] == "finished", "trial"])
@@ -122,6 +124,14 @@ def _check_seeds(new: pd.DataFrame) -> None:
             seed_pools.own().check("comparison", int(seed))
         except ConfigurationError as error:
             raise ConfigurationError(f"{trial} cannot be added: {error}") from None
+
+
+def _check_names(trials: pd.DataFrame) -> None:
+    """Raise ConfigurationError if two trials have one name."""
+    for name in trials.loc[trials["trial"].duplicated(), "trial"]:
+        raise ConfigurationError(
+            f"{name} cannot be added: another trial of the tables has this name. Rename its folder."
+        )
 
 
 def unverified(folder: Path) -> list[str]:

@@ -9,7 +9,7 @@ from usbench import seed_pools
 from usbench.results.agents import is_usual, named, spelled
 from usbench.results.protocol import further, unseen
 from usbench.results.scores import CELL, Cell, environments
-from usbench.results.text import code, in_lines
+from usbench.results.text import code, escaped, in_lines
 from usbench.tasks import row_of
 
 NAMED = 3
@@ -112,7 +112,7 @@ def _unfinished(trials: pd.DataFrame) -> list[str]:
     for (*cell, algo), rows in trials[trials["status"] != "finished"].groupby([*CELL, "algo"]):
         seeds = [
             f"seed {row.seed} {STATUS_WORDS[row.status]}"
-            + (f" ({' '.join(row.reason.split())})" if row.reason else "")
+            + (f" ({escaped(' '.join(row.reason.split()))})" if row.reason else "")
             for row in rows.itertuples()
         ]
         found.append(f"{code(algo)} on {Cell(*cell).name}: {', '.join(seeds)}.")

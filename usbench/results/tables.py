@@ -237,7 +237,7 @@ def _row(config: TrialConfig, trial: Trial | None) -> dict[str, Any]:
         **{key: plain[key] for key in ("task", "noise", "algo", "seed", "steps")},
         "configuration": digest({key: value for key, value in plain.items() if key != "seed"}),
         "status": MISSING if trial is None else trial.status,
-        "reason": (trial.reason if trial else None) or "",
+        "reason": " ".join(((trial.reason if trial else None) or "").split()),
         "settings": _settings(plain, explores=trial is not None and trial.explores),
         **{key: anchors.get(key, np.nan) for key in ("optimal", "random", "stay")},
         **{key: timings.get(key, np.nan) for key in ("training_s", "total_s")},
@@ -257,7 +257,9 @@ def _settings(config: Mapping[str, Any], *, explores: bool) -> str:
     flat = {key: value for key, value in config.items() if key not in cell}
     environment = dict(config.get("environment", {}))
     told = environment.pop("senses", ())
-    flat |= config.get("hyperparameters", {}) | {"environment": digest(environment)}
+    # First: no hyperparameter hides what else was set.
+    own = {key: value for key, value in config.get("hyperparameters", {}).items() if key != "senses"}
+    flat = own | flat | {"environment": digest(environment)}
     if told:
         flat["senses"] = " ".join(told)
     if explores and EXPLORATION not in flat:
@@ -285,11 +287,13 @@ def _curves(trial: Trial) -> pd.DataFrame:
     """Return the rows of a finished trial: every kind of episode, every step.
 
     Raises:
-        ValueError: If the evaluation after the last step is not there.
+        ValueError: If the evaluation after the last step is not there, or its evaluations are out of order.
     """
     evaluations, steps = trial.evaluations(), trial.config.steps
     if evaluations.empty or evaluations["checkpoint"].max() != steps:
         raise ValueError(f"{trial.name} is finished, but its evaluation at step {steps} is missing.")
+    if not trained_grows(evaluations):
+        raise ValueError(f"{trial.folder} is damaged: the training steps of its evaluations do not grow.")
     kinds = evaluations["deterministic"].map({False: SAMPLED, True: GREEDY})
     longest = row_of(trial.config.task).n_steps
     parts = [_means(evaluations, kinds, evaluations["checkpoint"], evaluations["step"], longest)]
@@ -301,6 +305,12 @@ def _curves(trial: Trial) -> pd.DataFrame:
     curves = pd.concat(parts, ignore_index=True)
     curves.insert(0, "trial", trial.name)
     return curves.sort_values(["kind", "step"])
+
+
+def trained_grows(evaluations: pd.DataFrame) -> bool:
+    """Return whether all episodes of an evaluation took place at one training step, later ones at later."""
+    steps = evaluations.groupby("checkpoint")["step"].agg(["min", "max"])
+    return bool((steps["min"] == steps["max"]).all() and (steps["min"].diff().dropna() > 0).all())
 
 
 def _means(

@@ -80,6 +80,12 @@ def grid_cells() -> frozenset[tuple[str, float]]:
     return frozenset((task, noise) for task in known.tasks for noise in known.noises)
 
 
+def frames_of(task: str, noise: float) -> frozenset[int]:
+    """Return how many frames one observation may have in a cell: as in the grid or a further table."""
+    own = [table for table in _further().values() if task in table.tasks and noise in table.noises]
+    return frozenset(table.n_frames for table in (_default(), *own))
+
+
 def describe(name: str) -> str:
     """Return in sentences how a further table differs from the grid."""
     if name == unseen.NAME:
