@@ -89,6 +89,9 @@ class RecognisingPolicy(SymmetricPolicy):
         arguments = self._update_features_extractor(arguments, features_extractor=None)
         return QNetwork(**arguments).to(self.device)
 
+    def _get_constructor_parameters(self) -> dict[str, Any]:
+        return {**super()._get_constructor_parameters(), "n_looks": self.n_looks}
+
 
 class BeliefAgent(Taught):
     """Recognises, filters, and acts; learning is for the recogniser alone.

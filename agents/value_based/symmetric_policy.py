@@ -85,6 +85,10 @@ class SymmetricPolicy(DQNPolicy):
         own = {"symmetries": self.symmetries, "canonical": self.canonical}
         return SymmetricQNetwork(**arguments, **own).to(self.device)
 
+    def _get_constructor_parameters(self) -> dict[str, Any]:
+        names = ("symmetries", "canonical", "greedy_shift_px")
+        return {**super()._get_constructor_parameters(), **{name: getattr(self, name) for name in names}}
+
     def _predict(self, obs: Any, deterministic: bool = True) -> torch.Tensor:
         values = self._greedy_values(obs) if deterministic else self.q_net(obs)
         actions: torch.Tensor = values.argmax(dim=1)

@@ -6,7 +6,7 @@ import torch
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from usbench.agents import zoo
-from usbench.agents.taught.belief import BeliefAgent
+from usbench.agents.taught.belief import BeliefAgent, RecognisingPolicy
 from usbench.agents.vec_env import SB3VecEnv
 from usbench.records import ConfigurationError
 from usbench.setting import Setting
@@ -99,6 +99,15 @@ def test_recogniser_looks_at_the_last_frame_alone(agent):
             {"image": torch.cat([torch.randn(2, 90, 40, 2), image], -1), "senses": torch.ones(2, 3)}
         )
     torch.testing.assert_close(one, other)
+
+
+def test_a_recogniser_that_was_saved_alone_tells_the_same_looks(agent, tmp_path):
+    agent.policy.save(tmp_path / "policy.pt")
+    loaded = RecognisingPolicy.load(tmp_path / "policy.pt", device="cpu")
+    assert torch.equal(loaded.counts, agent.policy.counts)
+    seen, _ = agent.policy.obs_to_tensor(agent._last_obs)
+    with torch.no_grad():
+        assert torch.equal(loaded.greedy_net(seen), agent.policy.greedy_net(seen))
 
 
 def test_trial_is_evaluated_loaded_and_gives_advice(quick, tmp_path):

@@ -15,7 +15,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 from usbench.agents import adapting, zoo
 from usbench.agents.value_based.double_dqn import DoubleDQN
 from usbench.agents.value_based.grid_trunk import GridTrunk
-from usbench.agents.value_based.symmetric_policy import SymmetricQNetwork
+from usbench.agents.value_based.symmetric_policy import SymmetricPolicy, SymmetricQNetwork
 from usbench.agents.value_based.views import Views, shifted
 from usbench.agents.vec_env import SB3VecEnv
 from usbench.records import Trial
@@ -250,6 +250,26 @@ def test_means_over_moved_pictures_leave_the_training_as_it_is(tmp_path):
     assert all(torch.equal(one, other) for one, other in weights)
     averaged.save(tmp_path / "model.zip")
     assert DoubleDQN.load(tmp_path / "model.zip").policy.greedy_shift_px == 2
+
+
+def test_a_policy_that_was_saved_alone_acts_as_it_did(tmp_path):
+    """What SB3 calls `model.policy.save`: a file for acting, without the algorithm."""
+    env = DummyVecEnv([SETTING.make_env])
+    chosen = zoo.hyperparameters("double_dqn", "pp-tracked", SMALL | {"greedy_shift_px": 1})
+    policy = zoo.make("double_dqn", env, 3, chosen, device="cpu", symmetries=SYMMETRIES).policy
+    policy.save(tmp_path / "policy.pt")
+    loaded = SymmetricPolicy.load(tmp_path / "policy.pt", device="cpu")
+    seen = {name: values.numpy() for name, values in observations(64).items()}
+    expected = policy.predict(seen, deterministic=True)[0]
+    assert loaded.predict(seen, deterministic=True)[0].tolist() == expected.tolist()
+    assert (loaded.greedy_shift_px, len(loaded.q_net.views.mirrored)) == (1, len(SYMMETRIES))
+
+
+def test_a_saved_policy_keeps_whether_its_views_are_canonical(tmp_path):
+    space = spaces.Box(-3, 3, (90, 40, 2), np.float32)
+    policy = SymmetricPolicy(space, spaces.Discrete(5), lambda left: 1e-3, net_arch=[4], canonical=False)
+    policy.save(tmp_path / "policy.pt")
+    assert SymmetricPolicy.load(tmp_path / "policy.pt", device="cpu").q_net.canonical is False
 
 
 def test_shifts_move_images_sideways_and_repeat_the_edge():
