@@ -8,8 +8,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.type_aliases import RolloutReturn
 
 from usbench.agents.taught.advice_buffer import AdviceBuffer
 from usbench.agents.value_based.double_dqn import DoubleDQN
@@ -31,8 +29,6 @@ class Taught(DoubleDQN, ABC):
     """
 
     replay_buffer: AdviceBuffer
-    # Whether a callback ended a rollout in the middle of a step, of which nothing was noted.
-    _broken_off = False
 
     def __init__(self, policy: Any, env: Any, *, n_told: int | None = None, **kwargs: Any) -> None:
         """Takes the arguments of the class."""
@@ -51,21 +47,10 @@ class Taught(DoubleDQN, ABC):
     def _told(self) -> npt.NDArray[Any]:
         """What is told of the observations on which the last actions were chosen, `(n_envs, n_told)`."""
 
-    def _setup_learn(self, *args: Any, **kwargs: Any) -> tuple[int, BaseCallback]:
-        if self._broken_off:
-            self._last_obs, self._broken_off = None, False
-        before = self._last_obs
-        found = super()._setup_learn(*args, **kwargs)
-        if self._last_obs is not before:  # episodes begin
-            assert self.env is not None
-            self._begin(self.env.unwrapped.reset_infos)
-        return found
-
-    def collect_rollouts(self, *args: Any, **kwargs: Any) -> RolloutReturn:
-        """As in SB3; where a callback ends it, the next learning begins new episodes."""
-        done = super().collect_rollouts(*args, **kwargs)
-        self._broken_off = not done.continue_training
-        return done
+    def _episodes_begin(self) -> None:
+        super()._episodes_begin()
+        assert self.env is not None
+        self._begin(self.env.unwrapped.reset_infos)
 
     def _store_transition(
         self,

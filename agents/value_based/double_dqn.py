@@ -6,7 +6,9 @@ import numpy as np
 import numpy.typing as npt
 import torch
 from stable_baselines3 import DQN
+from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.policies import BasePolicy
+from stable_baselines3.common.type_aliases import RolloutReturn
 from stable_baselines3.common.utils import LinearSchedule
 from torch.nn import functional
 
@@ -92,6 +94,28 @@ class DoubleDQN(DQN):
         super()._setup_model()
         if self.max_shift_px or self.greedy_shift_px or getattr(self.policy.q_net, "views", None) is not None:
             check_layout(self.observation_space)
+
+    def _setup_learn(self, *args: Any, **kwargs: Any) -> tuple[int, BaseCallback]:
+        before = self._last_obs
+        found = super()._setup_learn(*args, **kwargs)
+        if self._last_obs is not before:
+            self._episodes_begin()
+        return found
+
+    def _episodes_begin(self) -> None:
+        """Episodes begin in all environments: the returns of what is remembered end before them."""
+        buffer = self.replay_buffer
+        assert buffer is not None
+        if buffer.size():
+            last = buffer.pos - 1
+            buffer.timeouts[last] = np.maximum(buffer.timeouts[last], 1 - buffer.dones[last])
+
+    def collect_rollouts(self, *args: Any, **kwargs: Any) -> RolloutReturn:
+        """As in SB3; where a callback ends it, the next learning begins new episodes."""
+        done = super().collect_rollouts(*args, **kwargs)
+        if not done.continue_training:
+            self._last_obs = None  # nothing is noted of the step in which it ends
+        return done
 
     def predict(
         self,
