@@ -202,7 +202,8 @@ class BeliefAgent(Taught):
         self._begun = np.ones(self.n_envs, np.bool_)
 
     def _go_on(self, actions: npt.NDArray[Any], dones: npt.NDArray[np.bool_], infos: Infos) -> None:
-        self.policy.counts += torch.bincount(torch.as_tensor(self._looks), minlength=self.policy.n_looks)
+        met = np.bincount(self._looks, minlength=self.policy.n_looks)
+        self.policy.counts += torch.as_tensor(met, device=self.policy.counts.device)
         self._looks, self._begun = self.model.look(infos), np.asarray(dones, np.bool_)
 
     def _told(self) -> Ints:

@@ -1,9 +1,12 @@
 """The classical agent: what it infers from a recogniser that is right, and what it makes of its frames."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import torch
 from stable_baselines3.common.vec_env import DummyVecEnv
+from torch._subclasses.fake_tensor import FakeTensorMode
 
 from usbench.agents import zoo
 from usbench.agents.taught.belief import BeliefAgent, RecognisingPolicy
@@ -88,6 +91,17 @@ def test_it_remembers_the_true_look_of_every_frame_and_counts_it(agent):
     counts = np.bincount(looks.astype(int).ravel(), minlength=agent.model.n_looks)
     np.testing.assert_array_equal(agent.policy.counts.numpy(), 1 + counts)
     assert counts.sum() == 64
+
+
+def test_looks_are_counted_on_the_device_of_the_policy():
+    """PyTorch's fake tensors refuse what a GPU refuses, and need none."""
+    agent, infos = made(), [{}] * 4
+    agent.model = SimpleNamespace(look=lambda infos: np.zeros(len(infos), np.int64))
+    agent._begin(infos)
+    with FakeTensorMode(allow_non_fake_inputs=True):
+        agent.policy.counts = torch.ones(agent.policy.n_looks, device="cuda")
+        agent._go_on(np.zeros(4, np.int64), np.zeros(4, bool), infos)
+    assert agent.policy.counts.device.type == "cuda"
 
 
 def test_recogniser_looks_at_the_last_frame_alone(agent):
