@@ -12,10 +12,13 @@ from stable_baselines3.common.type_aliases import RolloutReturn
 from stable_baselines3.common.utils import LinearSchedule
 from torch.nn import functional
 
+from usbench.agents.hyperparameters import check
 from usbench.agents.networks import IMAGE
 from usbench.agents.value_based.n_step_buffer import NStepFrameBuffer
 from usbench.agents.value_based.symmetric_policy import SymmetricPolicy, SymmetricQNetwork
 from usbench.agents.value_based.views import check_layout, shifted
+
+CHECKED = ("learning_rate", "final_learning_rate", "gamma", "return_steps", "max_shift_px", "greedy_shift_px")
 
 
 class DoubleDQN(DQN):
@@ -73,25 +76,32 @@ class DoubleDQN(DQN):
             kwargs: As in SB3.
 
         Raises:
-            ValueError: If images have their channels in front, and there are symmetries or shifts.
+            TypeError: If one of these numbers has the wrong type.
+            ValueError: If one of them is out of range, or if images have their channels in front, and there
+                are symmetries or shifts.
         """
         self.final_learning_rate = final_learning_rate
         self.return_steps = return_steps
         self.max_shift_px = max_shift_px
         self.greedy_shift_px = greedy_shift_px
-        of_policy = {"symmetries": symmetries} if symmetries is not None else {}
-        if greedy_shift_px:
-            of_policy["greedy_shift_px"] = greedy_shift_px
-        policy_kwargs = {**(policy_kwargs or {}), **of_policy}
+        if symmetries is not None:
+            policy_kwargs = {**(policy_kwargs or {}), "symmetries": symmetries}
         kwargs.setdefault("replay_buffer_class", NStepFrameBuffer)
-        of_buffer = kwargs.get("replay_buffer_kwargs") or {}
-        kwargs["replay_buffer_kwargs"] = {"n_steps": return_steps, "gamma": gamma, **of_buffer}
         super().__init__(
             policy, env, learning_rate=learning_rate, gamma=gamma, policy_kwargs=policy_kwargs, **kwargs
         )
 
     def _setup_model(self) -> None:
+        # Here and not in the constructor, so that what `load` is given is checked and counts, too.
+        for name in CHECKED:
+            setattr(self, name, check(name, getattr(self, name)))
+        given = self.policy_kwargs, self.replay_buffer_kwargs
+        if self.greedy_shift_px:
+            self.policy_kwargs = {**self.policy_kwargs, "greedy_shift_px": self.greedy_shift_px}
+        returns = {"n_steps": self.return_steps, "gamma": self.gamma}
+        self.replay_buffer_kwargs = {**returns, **self.replay_buffer_kwargs}
         super()._setup_model()
+        self.policy_kwargs, self.replay_buffer_kwargs = given
         if self.max_shift_px or self.greedy_shift_px or getattr(self.policy.q_net, "views", None) is not None:
             check_layout(self.observation_space)
 

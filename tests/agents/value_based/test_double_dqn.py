@@ -155,6 +155,47 @@ def test_arguments_of_the_buffer_leave_its_returns_as_they_are():
     assert given == {"handle_timeout_termination": True}
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "error", "words"),
+    [
+        ("gamma", 1.5, ValueError, r"gamma must be a number in \(0, 1\], not 1.5."),
+        ("return_steps", 0, ValueError, r"return_steps must be a whole number in \[1, 100\], not 0."),
+        ("return_steps", -2, ValueError, "return_steps"),
+        ("return_steps", 2.5, TypeError, r"return_steps must be a whole number in \[1, 100\], not 2.5."),
+        ("max_shift_px", -1, ValueError, r"max_shift_px must be a whole number in \[0, 100\], not -1."),
+        ("greedy_shift_px", -1, ValueError, r"greedy_shift_px must be a whole number in \[0, 10\], not -1."),
+        ("learning_rate", -1.0, ValueError, "learning_rate must be"),
+        ("final_learning_rate", float("nan"), ValueError, "final_learning_rate must be"),
+    ],
+)
+def test_refuses(name, value, error, words):
+    with pytest.raises(error, match=f"^{words}"):
+        DoubleDQN("MlpPolicy", DummyVecEnv([Signs]), buffer_size=10, **{name: value})
+
+
+def test_what_load_is_given_reaches_buffer_and_policy(tmp_path):
+    agent = model(greedy_shift_px=2, return_steps=3)
+    agent.save(tmp_path / "model.zip")
+    given = {"gamma": 0.5, "return_steps": 1, "greedy_shift_px": 0}
+    loaded = DoubleDQN.load(tmp_path / "model.zip", device="cpu", **given)
+    assert (loaded.replay_buffer.gamma, loaded.replay_buffer.n_steps) == (0.5, 1)
+    assert loaded.policy.greedy_shift_px == 0
+    again = DoubleDQN.load(tmp_path / "model.zip", device="cpu")
+    assert (again.replay_buffer.gamma, again.replay_buffer.n_steps) == (agent.gamma, 3)
+    assert again.policy.greedy_shift_px == 2
+    with pytest.raises(ValueError, match="return_steps must be"):
+        DoubleDQN.load(tmp_path / "model.zip", device="cpu", return_steps=0)
+
+
+def test_arguments_of_buffer_and_policy_win_also_after_load(tmp_path):
+    given = {"replay_buffer_kwargs": {"n_steps": 4}, "policy_kwargs": {"greedy_shift_px": 1}}
+    agent = DoubleDQN("MlpPolicy", DummyVecEnv([Signs]), gamma=0.5, buffer_size=10, **given)
+    agent.save(tmp_path / "model.zip")
+    for one in (agent, DoubleDQN.load(tmp_path / "model.zip", device="cpu", return_steps=2)):
+        assert (one.replay_buffer.n_steps, one.replay_buffer.gamma) == (4, 0.5)
+        assert one.policy.greedy_shift_px == 1
+
+
 def test_every_view_is_drawn_as_often():
     torch.manual_seed(0)
     counts = torch.bincount(Views(SYMMETRIES).drawn(8000))
