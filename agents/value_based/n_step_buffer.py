@@ -18,7 +18,8 @@ class NStepFrameBuffer(FrameReplayBuffer, NStepReplayBuffer):
 
     A return sums up to `n_steps` rewards and ends with its episode; at a truncated end the value of the last
     observation counts. New phantoms show new frames all the time: as float32 those of 100 000 steps would
-    take 1.4 GB. Sampled observations have the same bits as those that were added.
+    take 1.4 GB. Sampled observations have the same bits as those that were added: frames that a byte per
+    pixel does not tell to the bit are kept as they are, see `GreyFrames`.
     """
 
     _frames: "GreyFrames"
@@ -46,9 +47,12 @@ class NStepFrameBuffer(FrameReplayBuffer, NStepReplayBuffer):
 class GreyFrames(Distinct):
     """Different frames, each kept once and known by its number: as bytes while they are grey levels.
 
+    Grey levels are evenly spaced float32 numbers between finite bounds, each with bits of its own. In a space
+    of another type or without bounds no frame is kept as bytes.
+
     Attributes:
-        levels: The value of each grey level, (256,), NaN where no frame has it yet; None once there was a
-            frame of other values, from which on all are kept as they are.
+        levels: The value of each grey level, (256,), NaN where no frame has it yet; None where frames are
+            kept as they are, which is once there was a frame of other values.
     """
 
     levels: npt.NDArray[np.float32] | None
@@ -58,7 +62,10 @@ class GreyFrames(Distinct):
         super().__init__(space.shape[:2], np.uint8)
         self._low = float(space.low.min())
         self._step = (float(space.high.max()) - self._low) / (GREY_LEVELS - 1)
+        self._dtype = space.dtype
         self.levels = np.full(GREY_LEVELS, np.nan, np.float32)
+        if space.dtype != np.float32 or not 0 < self._step < np.inf:
+            self.keep_values()
 
     def number(self, array: npt.NDArray[Any]) -> int:
         """The number of a frame `(height, width)`, a new one where it is not known yet."""
@@ -70,7 +77,7 @@ class GreyFrames(Distinct):
     def keep_values(self) -> None:
         """Keep frames as they are from now on, those that are known too."""
         known, self.levels = self.values(self.arrays), None
-        self._numbers, self._room = {}, np.empty(self._room.shape, np.float32)
+        self._numbers, self._room = {}, np.empty(self._room.shape, self._dtype)
         for frame in known:
             super().number(frame)
 
@@ -84,8 +91,9 @@ class GreyFrames(Distinct):
         """The grey levels of a frame, whose values are noted in `levels`; None where it has other values."""
         codes = np.rint((frame - self._low) / self._step).clip(0, GREY_LEVELS - 1).astype(np.uint8)
         known = levels[codes]
-        if not np.array_equal(known, frame):
+        # By their bits: 0 and -0 are equal as numbers.
+        if known.tobytes() != frame.tobytes():
             levels[codes] = np.where(np.isnan(known), frame, known)
-            if not np.array_equal(levels[codes], frame):
+            if levels[codes].tobytes() != frame.tobytes():
                 return None
         return codes

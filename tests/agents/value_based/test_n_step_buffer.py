@@ -107,3 +107,29 @@ def test_images_of_any_values_keep_their_bits_from_the_first_that_is_not_grey():
     again = NStepFrameBuffer(500, STACKS, ACTIONS, "cpu", **RETURNS)
     again.put_back(buffer.state())
     np.testing.assert_array_equal(again._get_samples(np.arange(4)).observations, batch.observations)
+
+
+OTHERS = {
+    "float64": (spaces.Box(-1, 1, (9, 4, 2), np.float64), lambda generator: generator.uniform(-1, 1)),
+    "float16": (spaces.Box(-1, 1, (9, 4, 2), np.float16), lambda generator: generator.uniform(-1, 1)),
+    "bytes": (spaces.Box(0, 255, (9, 4, 2), np.uint8), lambda generator: generator.integers(0, 256)),
+    "no bounds": (spaces.Box(-np.inf, np.inf, (9, 4, 2), np.float32), lambda generator: generator.normal()),
+    "bounds that are equal": (spaces.Box(0, 0, (9, 4, 2), np.float32), lambda generator: 0.0),
+    "zeros of both signs": (STACKS, lambda generator: generator.choice([0.0, -0.0])),
+}
+
+
+@pytest.mark.parametrize(("space", "value"), OTHERS.values(), ids=OTHERS)
+def test_images_of_every_kind_keep_type_and_bits(space, value):
+    generator = np.random.default_rng(2)
+    seen = [np.full((1, *space.shape), value(generator), space.dtype) for _ in range(9)]
+    seen += [np.vectorize(lambda _: value(generator))(one).astype(space.dtype) for one in seen]
+    buffer = NStepFrameBuffer(50, space, ACTIONS, "cpu", **RETURNS)
+    for one in seen:
+        buffer.add(one, one, np.zeros(1), np.zeros(1), np.zeros(1), [{}])
+    again = NStepFrameBuffer(50, space, ACTIONS, "cpu", **RETURNS)
+    again.put_back(buffer.state())
+    for each in (buffer, again):
+        found = each._get_samples(np.arange(len(seen))).observations.numpy()
+        assert found.dtype == space.dtype
+        assert found.tobytes() == np.concatenate(seen).tobytes()
