@@ -75,9 +75,9 @@ class DecisionProcess:
 
     @cached_property
     def state_rewards(self) -> npt.NDArray[np.float64]:
-        """The reward of being in every state, (n_states,)."""
+        """The reward of being in every state, (n_states,), read-only."""
         if self.rewards is not None:
-            return np.array(self.rewards)
+            return _read_only(np.array(self.rewards))
         if self.task.reward_from_frames:
             return _rewards_from_frames(self.task)
         found = _rewards_from_poses(self.task, self.reward, self.target)
@@ -262,7 +262,7 @@ def _action_values(
 
 @lru_cache(maxsize=16)
 def _rewards_from_poses(task: Task, reward: str, target: Pose) -> npt.NDArray[np.float64]:
-    return np.array([task.reward(pose, target, reward) for pose in task.states], dtype=np.float64)
+    return _read_only(np.array([task.reward(pose, target, reward) for pose in task.states], dtype=np.float64))
 
 
 @lru_cache(maxsize=16)
@@ -271,7 +271,13 @@ def _rewards_from_frames(task: Task) -> npt.NDArray[np.float64]:
     known = _environments()
     if task.name not in known:
         raise ValueError(f"the task {task.name!r} has its rewards from frames: pass them as `rewards`.")
-    return known[task.name]().state_rewards()
+    return _read_only(known[task.name]().state_rewards())
+
+
+def _read_only(rewards: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Return the array, which nobody can change any more: many processes share it."""
+    rewards.flags.writeable = False
+    return rewards
 
 
 @lru_cache(maxsize=16)

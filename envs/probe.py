@@ -220,13 +220,15 @@ class LinearArray:
 
     @cached_property
     def pulse(self) -> npt.NDArray[np.float64]:
-        """Excitation convolved with the impulse responses of both ways, (n_samples,)."""
+        """Excitation convolved with the impulse responses of both ways, (n_samples,), read-only."""
         fs, f0 = self.sampling_frequency, self.center_frequency
         excitation = np.sin(2 * np.pi * f0 * _times(self.excitation_cycles / f0, fs))
         time = _times(self.impulse_response_cycles / f0, fs)
         window = 0.5 * (1.0 - np.cos(2.0 * np.pi * np.arange(1, len(time) + 1) / (len(time) + 1)))
         response = np.sin(2 * np.pi * f0 * time) * window
-        return np.convolve(np.convolve(excitation, response), response) / fs**2
+        pulse = np.convolve(np.convolve(excitation, response), response) / fs**2
+        pulse.flags.writeable = False
+        return pulse
 
     def pulse_spectrum(self, frequencies: npt.NDArray[np.floating]) -> npt.NDArray[np.complex128]:
         """Return the Fourier transform of `pulse` at (n_frequencies,) Hz, (n_frequencies,)."""

@@ -80,7 +80,7 @@ class Anatomy(abc.ABC):
 
     @property
     def volume(self) -> Volume:
-        """The image; ValueError if the file holds another by now."""
+        """The image, its arrays read-only; ValueError if the file holds another by now."""
         return _volume(self.path, self.digest)
 
     def at(self, positions: Array) -> Array:
@@ -138,6 +138,8 @@ def _volume(path: str, digest: str) -> Volume:
             f"the volume {path!r} has been changed: its digest must be {digest[:16]}, not "
             f"{volume.digest[:16]}."
         )
+    for array in (volume.voxels, volume.spacing_mm, volume.origin_mm, volume.directions):
+        array.flags.writeable = False
     return volume
 
 

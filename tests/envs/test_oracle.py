@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from brute_force import expectimax
 
-from usbench.envs.oracle import policy, returns
+from usbench.envs.oracle import DecisionProcess, policy, returns
 from usbench.envs.pose import Pose
 from usbench.envs.tasks.focal_point import FOCAL_POINT, FocalPointEnv
 from usbench.envs.tasks.probe_plane import PROBE_PLANE, ProbePlaneEnv
@@ -120,6 +120,13 @@ def test_the_policy_takes_plain_tuples_and_holds_still_at_the_goal():
     assert best.action(0, (0, 50, 45)) == 3
     assert best.action(0, (0, 50, 135)) == 4
     assert returns("pp", 0.0) is returns("pp", 0)
+
+
+@pytest.mark.parametrize("rewards", [None, (0.0,) * len(FOCAL_POINT.states)])
+def test_rewards_are_read_only(rewards):
+    """Processes of the same task and target share them."""
+    with pytest.raises(ValueError, match="read-only"):
+        DecisionProcess(FOCAL_POINT, rewards=rewards).state_rewards[:] *= 2
 
 
 def test_another_target_moves_the_goal():

@@ -36,6 +36,12 @@ def test_defaults_are_those_of_the_specification():
     assert array.wavelength == pytest.approx(0.44e-3)
 
 
+def test_the_pulse_is_read_only():
+    """Arrays that are equal share tables and frames, which a changed pulse would spoil."""
+    with pytest.raises(ValueError, match="read-only"):
+        LinearArray().pulse[:] *= 2
+
+
 def test_lines_are_centred_and_equally_spaced():
     lines = LinearArray().line_positions
     assert lines == pytest.approx((np.arange(64) - 31.5) * 0.625e-3)

@@ -60,6 +60,13 @@ def test_a_file_that_changed_is_never_taken_for_what_it_was(tmp_path):
         dataclasses.replace(recording, digest="1" * 64).recorded_frame(Pose(), *SHAPE)
 
 
+@pytest.mark.parametrize("name", ["voxels", "spacing_mm", "origin_mm", "directions"])
+def test_the_volume_is_read_only(tissue_file, name):
+    """Anatomies of the same content share it, and the digest that names their frames is that of the file."""
+    with pytest.raises(ValueError, match="read-only"):
+        getattr(Recording.read(tissue_file).volume, name)[:] *= 2
+
+
 def test_a_pickled_anatomy_is_its_configuration(tissue_file):
     tissue = Echogenicity.read(tissue_file)
     tissue.in_view(Pose(), 0.020, 0.005)

@@ -9,7 +9,7 @@ from brute_force import TARGET, expectimax
 from gymnasium.utils.env_checker import check_env
 
 from usbench.envs.bmode import Imaging
-from usbench.envs.oracle import policy, returns
+from usbench.envs.oracle import DecisionProcess, policy, returns
 from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Limits, Move, Pose
 from usbench.envs.probe import LinearArray
@@ -350,6 +350,12 @@ def test_every_setting_has_its_best_value_in_between(env, best, plateau):
         assert 0 < place < len(along) - 1
         # And no other hill: an agent that follows the gradient arrives.
         assert (np.diff(along[: place + 1]) > 0).all() and (np.diff(along[place:]) < plateau).all()
+
+
+def test_rewards_from_frames_are_read_only(grey):
+    task = dataclasses.replace(IMAGING_SETUP, title="rewards that no other test has asked for")
+    with pytest.raises(ValueError, match="read-only"):
+        DecisionProcess(task).state_rewards[:] *= 2
 
 
 @pytest.mark.slow
