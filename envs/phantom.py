@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from usbench.checks import non_negative, positive, whole_number
+from usbench.envs.attenuation import checked_attenuation
 from usbench.envs.pose import Pose, cos_deg, sin_deg
 
 _VIEW_MM3 = 40.0 * 10.0 * 90.0  # the volume in view, for which the paper's authors give their densities
@@ -101,7 +102,8 @@ class Phantom:
         tissue_density_per_mm3: Scatterers per volume outside the object.
         object_density_per_mm3: Scatterers per volume inside the object.
         tissue_amplitude_std: Standard deviation of the normal amplitudes outside the object.
-        attenuation_db_per_cm_mhz: What sound loses on its way, everywhere alike; 0.3 to 0.7 in soft tissue.
+        attenuation_db_per_cm_mhz: What sound loses on its way, everywhere alike; 0.3 to 0.7 in soft tissue,
+            at most 1.
     """
 
     seed: int = 0
@@ -129,9 +131,10 @@ class Phantom:
             "tissue_density_per_mm3",
             "object_density_per_mm3",
             "tissue_amplitude_std",
-            "attenuation_db_per_cm_mhz",
         ):
             object.__setattr__(self, name, non_negative(name, getattr(self, name)))
+        loss = checked_attenuation(self.attenuation_db_per_cm_mhz)
+        object.__setattr__(self, "attenuation_db_per_cm_mhz", loss)
         for ball in self.object_of_interest.balls:
             (x, y, z), r = ball.center_mm, ball.radius_mm
             if (

@@ -19,8 +19,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy import fft
 
-from usbench.checks import METRES, meant, non_negative, number
+from usbench.checks import METRES, meant, number
 from usbench.envs.arrays import real
+from usbench.envs.attenuation import checked_attenuation, nepers_per_m_hz
 from usbench.envs.field.direct import add_echoes
 from usbench.envs.field.elevation import ElevationTaps, elevation_taps
 from usbench.envs.field.response_table import BLOCK, ResponseTable, response_table
@@ -53,7 +54,7 @@ def simulate_rf(
         array: The transducer.
         focal_depth: Of transmit and, without a `receive_focus`, of receive, m.
         line_positions: Lateral positions of the lines, (n_lines,) m; default `array.line_positions`.
-        attenuation_db_per_cm_mhz: Of the tissue, 0 for none.
+        attenuation_db_per_cm_mhz: Of the tissue, 0 for none, at most 1.
 
     Returns:
         rf (n_samples, n_lines) float32 in arbitrary units, and time (n_samples,) in s from 0, at
@@ -62,7 +63,7 @@ def simulate_rf(
     Raises:
         TypeError: If the focal depth or the attenuation is no number.
         ValueError: If shapes are wrong, values are not finite real numbers, a scatterer or the focus is not
-            below the surface, or the attenuation is negative.
+            below the surface, or the attenuation is negative or above 1.
     """
     iq, iq_time = simulate_iq(
         positions,
@@ -115,7 +116,7 @@ def simulate_iq(
     if max_depth is not None:
         _check_depth("max_depth", max_depth)
     points, weights, lines = _checked(positions, amplitudes, array, focal_depth, line_positions)
-    attenuation = _nepers_per_m_hz(attenuation_db_per_cm_mhz)
+    attenuation = nepers_per_m_hz(checked_attenuation(attenuation_db_per_cm_mhz))
     rate, c = array.iq_sampling_frequency, array.speed_of_sound
     reach = np.abs(points).max(axis=0, initial=0.0)
     u_max = (
@@ -151,12 +152,6 @@ def simulate_iq(
             add_echoes(others, points, weights, array, focal_depth, lines[~shared], attenuation)
             iq[~shared] = others
     return np.ascontiguousarray(iq.T), np.arange(n_samples) / rate
-
-
-def _nepers_per_m_hz(attenuation_db_per_cm_mhz: float) -> float:
-    """Return the attenuation in Np / (m Hz); errors are those of `non_negative`."""
-    non_negative("attenuation_db_per_cm_mhz", attenuation_db_per_cm_mhz)
-    return attenuation_db_per_cm_mhz * math.log(10) / 20 * 100 / 1e6
 
 
 def _checked(

@@ -11,9 +11,10 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from usbench.checks import ConfigurationError, non_negative, number
+from usbench.checks import ConfigurationError, number
 from usbench.envs.anatomy import point_file
 from usbench.envs.arrays import real
+from usbench.envs.attenuation import checked_attenuation
 from usbench.envs.pose import Pose
 
 Array = npt.NDArray[np.float64]
@@ -34,7 +35,7 @@ class PointScatterers:
     Attributes:
         positions: Lateral, elevation and depth, (n, 3) m, read-only.
         amplitudes: Scattering amplitudes, (n,), read-only.
-        attenuation_db_per_cm_mhz: What sound loses on its way, everywhere alike.
+        attenuation_db_per_cm_mhz: What sound loses on its way, everywhere alike, at most 1.
         label: Name that a picture shows.
     """
 
@@ -57,7 +58,7 @@ class PointScatterers:
         """
         self.positions = real("positions", positions)
         self.amplitudes = real("amplitudes", amplitudes)
-        self.attenuation_db_per_cm_mhz = non_negative("attenuation_db_per_cm_mhz", attenuation_db_per_cm_mhz)
+        self.attenuation_db_per_cm_mhz = checked_attenuation(attenuation_db_per_cm_mhz)
         self.label = label
         if self.positions.ndim != 2 or self.positions.shape[1] != 3 or not len(self.positions):
             raise ValueError(f"positions must have shape (n, 3) with n >= 1, not {self.positions.shape}.")

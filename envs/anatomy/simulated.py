@@ -9,8 +9,9 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from usbench.checks import non_negative, number, positive, whole_number
+from usbench.checks import number, positive, whole_number
 from usbench.envs.anatomy.tissue import Anatomy
+from usbench.envs.attenuation import checked_attenuation
 from usbench.envs.pose import Pose
 
 Array = npt.NDArray[np.float64]
@@ -51,7 +52,7 @@ class Echogenicity(Anatomy):
         if self.dynamic_range_db is not None:
             range_db = positive("dynamic_range_db", self.dynamic_range_db)
             object.__setattr__(self, "dynamic_range_db", range_db)
-        loss = non_negative("attenuation_db_per_cm_mhz", self.attenuation_db_per_cm_mhz)
+        loss = checked_attenuation(self.attenuation_db_per_cm_mhz)
         object.__setattr__(self, "attenuation_db_per_cm_mhz", loss)
 
     def in_view(self, pose: Pose, half_width_m: float, half_thickness_m: float) -> tuple[Array, Array]:

@@ -1,9 +1,14 @@
 """Attenuation against theory: what is lost on the way, lower echoes from deeper, nothing when it is off."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from echoes import CLOUD, SMALL, WEIGHTS, correlation
 
+from usbench.envs.anatomy import Echogenicity
+from usbench.envs.anatomy.points import PointScatterers
+from usbench.envs.attenuation import LARGEST
 from usbench.envs.field.slow_sum import slow_rf
 from usbench.envs.phantom import Phantom
 from usbench.envs.probe import LinearArray
@@ -97,6 +102,30 @@ def test_what_is_no_attenuation_is_refused(value):
         Phantom(attenuation_db_per_cm_mhz=value)
     with pytest.raises(ValueError, match=said):
         simulate_rf([(0, 0, 0.03)], [1.0], LinearArray(**SMALL), 0.04, attenuation_db_per_cm_mhz=value)
+
+
+@pytest.mark.parametrize("value", [1.0001, 3, 10.0, 1e300])
+def test_more_than_can_be_simulated_is_refused(value, tissue_file):
+    point = [(0, 0, 0.03)], [1.0]
+    for made in (
+        Phantom,
+        partial(Echogenicity.read, tissue_file),
+        partial(PointScatterers, *point),
+        partial(simulate_rf, *point, LinearArray(**SMALL), 0.04),
+    ):
+        with pytest.raises(
+            ValueError, match=r"attenuation_db_per_cm_mhz must be in \[0, 1\], .* wrong .*, not \d"
+        ):
+            made(attenuation_db_per_cm_mhz=value)
+
+
+@pytest.mark.parametrize(("depth", "most"), [(30e-3, 0.05), (50e-3, 0.06), (80e-3, 0.19)])
+def test_the_most_that_is_allowed_leaves_echoes_that_are_right(depth, most, with_table):
+    array, line = LinearArray(), LinearArray().line_positions[31:32]
+    point = [(0, 0, depth)], [1.0], array, 50e-3, line
+    rf, time = simulate_rf(*point, attenuation_db_per_cm_mhz=LARGEST)
+    expected = slow_rf(*point, LARGEST, time)[0]
+    assert np.linalg.norm(rf - expected) / np.linalg.norm(expected) < most
 
 
 def test_a_text_is_refused():
