@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import reprlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import gymnasium as gym
@@ -119,7 +119,7 @@ class GuidanceEnv(gym.Env[Observation, int]):
         return self._pose
 
     def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+        self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Put the probe on a start pose drawn uniformly from the task's.
 
@@ -130,7 +130,8 @@ class GuidanceEnv(gym.Env[Observation, int]):
 
         Raises:
             TypeError: If an option is not a number.
-            ValueError: If an option is unknown, not a whole number or outside the probe's limits.
+            ValueError: If an option is unknown, not a whole number or outside the probe's limits. A
+                refused reset changes nothing.
         """
         self.start(seed, options)
         return self.first_observation()
@@ -142,12 +143,13 @@ class GuidanceEnv(gym.Env[Observation, int]):
     # Both come in halves: first what moves the probe, then what looks at frames. In between, a vector of
     # environments makes the frames of all of them at once.
 
-    def start(self, seed: int | None = None, options: dict[str, Any] | None = None) -> None:
+    def start(self, seed: int | None = None, options: Mapping[str, Any] | None = None) -> None:
         """Do the first half of `reset`, with the same arguments and errors: no frame is looked at."""
+        chosen = self._checked(options)
         super().reset(seed=seed)
         # Drawn even where options replace it, so that they do not shift the stream.
         start = self.task.starts[self.np_random.integers(len(self.task.starts))]
-        self._pose = self._with_options(start, options)
+        self._pose = self._with_options(start, chosen)
         self._last_action = None
         self._steps_left = self.task.n_steps
 
@@ -277,18 +279,22 @@ class GuidanceEnv(gym.Env[Observation, int]):
     def _target_info(self) -> dict[str, int]:
         return {f"target_{name}": getattr(self.target, name) for name in POSE}
 
-    def _with_options(self, start: Pose, options: dict[str, Any] | None) -> Pose:
+    def _checked(self, options: Mapping[str, Any] | None) -> dict[str, Any]:
+        """Return the options of a reset, or refuse them, which is to happen before anything is drawn."""
         if options is None:
-            return start
-        if not isinstance(options, dict):
+            return {}
+        if not isinstance(options, Mapping):
             names = ", ".join(self.task.coordinates)
             raise TypeError(f"options must be a dict with any of {names}, not {options!r}.")
         for name in options:
             if name not in self.task.coordinates:
                 raise unknown("option", name, self.task.coordinates)
-        pose = self.task.pose({name: getattr(start, name) for name in self.task.coordinates} | options)
-        self.task.limits.check(pose)
-        return pose
+        # Each coordinate is checked by itself, so that any start will do.
+        self.task.limits.check(self._with_options(self.task.starts[0], options))
+        return dict(options)
+
+    def _with_options(self, start: Pose, options: Mapping[str, Any]) -> Pose:
+        return self.task.pose({name: getattr(start, name) for name in self.task.coordinates} | dict(options))
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave the frames out of a pickle: every process has its own store of them."""

@@ -74,7 +74,7 @@ class NormalizeImage(gym.ObservationWrapper[Observation, int, Observation], gym.
         """Check the arguments and set the observation space."""
         gym.utils.RecordConstructorArgs.__init__(self, mean=mean, std=std)
         gym.ObservationWrapper.__init__(self, env)
-        self.mean, self.std = np.float32(number("mean", mean)), np.float32(positive("std", std))
+        self.mean, self.std = grey_levels(mean, std)
         self.observation_space = normalized_space("NormalizeImage", env.observation_space, self._normalized)
 
     def observation(self, observation: Observation) -> Observation:
@@ -85,6 +85,24 @@ class NormalizeImage(gym.ObservationWrapper[Observation, int, Observation], gym.
         image: npt.NDArray[np.float32] = np.subtract(pixels, self.mean, dtype=np.float32)
         image /= self.std
         return image
+
+
+def grey_levels(mean: float, std: float) -> tuple[np.float32, np.float32]:
+    """Return the grey levels that become 0 and 1 in the precision of normalised pixels.
+
+    Raises:
+        TypeError: If one is not a number.
+        ValueError: If one is not finite, `std` is not positive, or a pixel would not be finite with them.
+    """
+    with np.errstate(all="ignore"):
+        shift, scale = np.float32(number("mean", mean)), np.float32(positive("std", std))
+        ends = (np.array([0, 255], np.float32) - shift) / scale
+    if not np.isfinite([shift, scale, *ends]).all():
+        raise ValueError(
+            "mean and std must make finite 32-bit numbers of the grey levels 0 to 255, not "
+            f"{float(mean):g} and {float(std):g}."
+        )
+    return shift, scale
 
 
 def stacked_space(wrapper: str, space: gym.Space[Any], n_frames: int) -> gym.Space[Any]:

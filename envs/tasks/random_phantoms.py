@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import reprlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from itertools import product
@@ -167,7 +167,7 @@ class RandomPhantomEnv(GuidanceEnv):
         if self.phantoms.count is not None:
             keep_stores(min(self.phantoms.count, KEPT))
 
-    def start(self, seed: int | None = None, options: dict[str, Any] | None = None) -> None:
+    def start(self, seed: int | None = None, options: Mapping[str, Any] | None = None) -> None:
         """Draw a phantom and put the probe on a start pose.
 
         Args:
@@ -179,21 +179,20 @@ class RandomPhantomEnv(GuidanceEnv):
             TypeError: If an option is not a number.
             ValueError: If an option is unknown, not a whole number or out of range.
         """
+        chosen = self._checked(options)
         super(GuidanceEnv, self).reset(seed=seed)
         # Drawn even where options replace it, so that they do not shift the stream.
         number = self.phantoms.training_number(self.np_random)
-        if isinstance(options, dict) and "phantom" in options:
-            options = dict(options)
-            number = phantom_number(options.pop("phantom"))
-        before = self.phantom, self.target, self._frames
-        self.phantom = self.phantoms.phantom(number)
+        self.phantom = self.phantoms.phantom(chosen.pop("phantom", number))
         self.target = self.phantom.target
         self._frames = None
-        try:
-            super().start(options=options)
-        except (TypeError, ValueError):  # a reset that is refused leaves the episode as it is
-            self.phantom, self.target, self._frames = before
-            raise
+        super().start(options=chosen)
+
+    def _checked(self, options: Mapping[str, Any] | None) -> dict[str, Any]:
+        if not isinstance(options, Mapping) or "phantom" not in options:
+            return super()._checked(options)
+        coordinates = {name: value for name, value in options.items() if name != "phantom"}
+        return super()._checked(coordinates) | {"phantom": phantom_number(options["phantom"])}
 
     def _info(self, displaced: dict[str, int]) -> dict[str, Any]:
         return {**super()._info(displaced), "phantom": self.phantom.seed, **self._target_info()}

@@ -43,6 +43,8 @@ def seeds(value: int | Sequence[int | None] | None, num_envs: int) -> list[int |
     """
     if value is None:
         return [None] * num_envs
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        value = value.item()
     if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray):
         first = whole_number("seed", value, low=0)
         return [first + i for i in range(num_envs)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -64,6 +64,8 @@ class GuidanceVectorEnv(gym.vector.VectorEnv[Observation, npt.NDArray[np.int64],
         self.max_episode_steps = whole_number(
             "max_episode_steps", env_class.task.n_steps if max_episode_steps is None else max_episode_steps, 1
         )
+        if isinstance(kwargs.get("senses"), Iterator):  # the first environment would use it up
+            kwargs["senses"] = tuple(kwargs["senses"])
         self.envs = tuple(env_class(**kwargs) for _ in range(self.num_envs))
         first = self.envs[0]
         self.metadata = {**first.metadata, "autoreset_mode": self.autoreset_mode}

@@ -10,9 +10,8 @@ import numpy.typing as npt
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
-from usbench.checks import number, positive
 from usbench.envs.observation.senses import Observation, batch, parts, whole, with_image
-from usbench.envs.observation.wrappers import MEAN, STD, normalized_space, stacked_space
+from usbench.envs.observation.wrappers import MEAN, STD, grey_levels, normalized_space, stacked_space
 
 Flags = npt.NDArray[np.bool_]
 Step = tuple[Observation, npt.NDArray[Any], Flags, Flags, dict[str, Any]]
@@ -115,7 +114,7 @@ class VectorNormalizeImage(VectorWrapper):
     def __init__(self, env: VectorEnv, mean: float = MEAN, std: float = STD) -> None:
         """Check the arguments and set the observation spaces."""
         super().__init__(env)
-        self.mean, self.std = np.float32(number("mean", mean)), np.float32(positive("std", std))
+        self.mean, self.std = grey_levels(mean, std)
         self.single_observation_space = normalized_space(
             "VectorNormalizeImage", env.single_observation_space, self._normalized
         )

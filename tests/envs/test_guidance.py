@@ -154,6 +154,16 @@ def test_bad_reset_options_are_refused(options, error, message, coded):
         FocalPointEnv().reset(options=options)
 
 
+def test_a_refused_reset_changes_nothing(coded):
+    env = FocalPointEnv(noise=0.5)
+    env.reset(seed=0)
+    pose, stream = env.pose, env.np_random.bit_generator.state
+    with pytest.raises(ValueError, match="x_mm must be in"):
+        env.reset(seed=99, options={"x_mm": 1000})
+    assert (env.pose, env.np_random_seed) == (pose, 0)
+    assert env.np_random.bit_generator.state == stream
+
+
 @pytest.mark.parametrize("action", [-1, 5, 1.0, True, "1", None, np.array([1]), np.bool_(True)])
 def test_bad_actions_are_refused(action, coded):
     env = FocalPointEnv()

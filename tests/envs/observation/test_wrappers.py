@@ -180,6 +180,14 @@ def test_wrapped_environments_pickle_and_are_made_again_from_their_spec():
             "mean must be a finite number, not nan",
         ),
         (lambda env: NormalizeImage(env, mean="0"), TypeError, "mean must be a finite number, not '0'"),
+        (
+            lambda env: NormalizeImage(env, std=1e-50),
+            ValueError,
+            "mean and std must make finite 32-bit numbers of the grey levels 0 to 255, not 46.5 and 1e-50",
+        ),
+        (lambda env: NormalizeImage(env, std=1e-40), ValueError, "finite 32-bit .*, not 46.5 and 1e-40"),
+        (lambda env: NormalizeImage(env, std=1e39), ValueError, "finite 32-bit .*, not 46.5 and 1e.39"),
+        (lambda env: NormalizeImage(env, mean=1e39), ValueError, "finite 32-bit .*, not 1e.39 and 52.9"),
         (lambda env: NormalizeImage(env, std=True), TypeError, "std must be a positive number, not True"),
     ],
 )

@@ -190,9 +190,12 @@ def test_a_refused_reset_leaves_the_episode_as_it_is():
     env = ENVS[0]()
     env.start(seed=0)
     before = env.phantom, env.target, env.pose
-    with pytest.raises(ValueError, match="x_mm"):
-        env.reset(options={"x_mm": 100})
+    stream = env.np_random.bit_generator.state
+    for options in ({"x_mm": 100}, {"phantom": -1}, {"phantom": 3, "depth": 4}):
+        with pytest.raises(ValueError, match=r"x_mm|phantom|unknown option"):
+            env.reset(seed=99, options=options)
     assert (env.phantom, env.target, env.pose) == before
+    assert env.np_random.bit_generator.state == stream and env.np_random_seed == 0
 
 
 def test_a_distribution_holds_plain_numbers_in_tuples():

@@ -1,6 +1,7 @@
 """Environments in step: what Gymnasium's own vector of single ones gives, from every task's id."""
 
 import pickle
+from types import MappingProxyType
 
 import gymnasium as gym
 import numpy as np
@@ -152,6 +153,33 @@ def test_seeds(coded):
     env.reset(seed=[9, None, 7])
     assert (env.envs[0].pose, env.envs[2].pose) == (poses[2], poses[0])
     assert len(env.np_random) == 3
+
+
+def test_a_seed_in_an_array_without_axes_is_one_number(coded):
+    env, _ = made()
+    env.reset(seed=np.array(7))
+    assert env.np_random_seed == (7, 8, 9)
+
+
+def test_every_environment_has_the_senses_of_an_iterator():
+    env = GuidanceVectorEnv(ProbePlaneEnv, 2, senses=iter(("position",)))
+    assert [one.senses.names for one in env.envs] == [("position",)] * 2
+
+
+def test_options_are_any_mapping_as_those_of_a_single_environment(coded):
+    options = MappingProxyType({"x_mm": 5})
+    for env in (GuidanceVectorEnv(ProbePlaneEnv, 2), ProbePlaneEnv()):
+        _, info = env.reset(seed=0, options=options)
+        assert np.all(info["x_mm"] == 5)
+
+
+def test_a_refused_reset_changes_nothing(coded):
+    env, other = made()[0], made()[0]
+    for one in (env, other):
+        one.reset(seed=0)
+    with pytest.raises(ValueError, match="x_mm"):
+        env.reset(seed=5, options={"x_mm": 1000})
+    assert data_equivalence(env.reset(), other.reset(), exact=True)
 
 
 def test_an_observation_is_the_callers_own(coded):

@@ -83,5 +83,7 @@ def test_refuses_what_make_env_refuses():
         VectorImageStack(plain, 0)
     with pytest.raises(ValueError, match="std must be a positive number, not 0"):
         VectorNormalizeImage(plain, std=0)
+    with pytest.raises(ValueError, match="mean and std must make finite 32-bit .*, not 46.5 and 1e-50"):
+        VectorNormalizeImage(plain, std=1e-50)
     with pytest.raises(TypeError, match="VectorImageStack needs .height, width, channels. uint8 images"):
         VectorImageStack(gym.make_vec("CartPole-v1", 2))
