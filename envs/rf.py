@@ -114,8 +114,9 @@ def simulate_iq(
         ValueError: If a value is not allowed.
     """
     if max_depth is not None:
-        _check_depth("max_depth", max_depth)
-    points, weights, lines = _checked(positions, amplitudes, array, focal_depth, line_positions)
+        max_depth = _depth("max_depth", max_depth)
+    points, weights, lines = _checked(positions, amplitudes, array, line_positions)
+    focal_depth = _depth("focal_depth", focal_depth)
     attenuation = nepers_per_m_hz(checked_attenuation(attenuation_db_per_cm_mhz))
     rate, c = array.iq_sampling_frequency, array.speed_of_sound
     reach = np.abs(points).max(axis=0, initial=0.0)
@@ -158,7 +159,6 @@ def _checked(
     positions: npt.ArrayLike,
     amplitudes: npt.ArrayLike,
     array: LinearArray,
-    focal_depth: float,
     line_positions: npt.ArrayLike | None,
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """Return points (n, 3), amplitudes (n,) and lines (n_lines,), or raise TypeError or ValueError."""
@@ -175,7 +175,6 @@ def _checked(
     for name, values in (("positions", points), ("amplitudes", weights), ("line_positions", lines)):
         if not np.isfinite(values).all():
             raise ValueError(f"{name} must be finite, without NaN.")
-    _check_depth("focal_depth", focal_depth)
     if len(points) and points[:, 2].min() <= 0:
         raise ValueError(
             f"scatterers must lie below the surface (z > 0), not at z = {points[:, 2].min():g} m."
@@ -187,10 +186,10 @@ def _checked(
     return points, weights, lines
 
 
-def _check_depth(name: str, depth: float) -> None:
-    """Raise TypeError if a depth is no number, and ValueError if it is not one from 0 to 0.5 m."""
+def _depth(name: str, depth: float) -> float:
+    """Return a depth as a float; TypeError if it is no number, ValueError if it is not one up to 0.5 m."""
     try:
-        number(name, depth, low=0.0, high=_MAX_DISTANCE, above=True)
+        return number(name, depth, low=0.0, high=_MAX_DISTANCE, above=True)
     except ValueError:
         hint = meant(depth, 1e-3, _MAX_DISTANCE, METRES)
         allowed = f"in (0, {_MAX_DISTANCE}] m"

@@ -5,8 +5,9 @@ import re
 
 import numpy as np
 import pytest
-from echoes import ARRAY, SMALL
+from echoes import ARRAY, CLOUD, SMALL, WEIGHTS
 
+from usbench.envs.field import response_table
 from usbench.envs.field.slow_sum import slow_rf
 from usbench.envs.probe import LinearArray
 from usbench.envs.rf import simulate_iq, simulate_rf
@@ -109,3 +110,16 @@ def test_refuses_scalars_that_are_no_numbers(value):
     said = f"attenuation_db_per_cm_mhz must be a non-negative number, not {value!r}."
     with pytest.raises(TypeError, match=f"^{re.escape(said)}$"):
         simulate_rf([(0, 0, 50e-3)], [1.0], ARRAY, 50e-3, attenuation_db_per_cm_mhz=value)
+
+
+@pytest.mark.parametrize("name", ["focal_depth", "attenuation_db_per_cm_mhz", "max_depth"])
+def test_a_number_of_32_bits_is_taken_as_its_float(name, with_table, monkeypatch, tmp_path):
+    monkeypatch.setenv("USBENCH_CACHE", str(tmp_path))
+    narrow = np.float32(0.05)
+    found, kept = [], []
+    for value in (float(narrow), narrow):
+        response_table.forget_tables()
+        arguments = {"focal_depth": 0.05, name: value}
+        found.append(simulate_iq(CLOUD, WEIGHTS, LinearArray(**SMALL), **arguments)[0])
+        kept.append(sorted(path.name for path in tmp_path.rglob("*") if path.is_file()))
+    assert found[0].tobytes() == found[1].tobytes() and kept[0] == kept[1]
