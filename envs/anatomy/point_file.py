@@ -66,8 +66,8 @@ def _chosen(names: Sequence[str]) -> tuple[str, ...]:
     if missing:
         found = ", ".join(names) or "none"
         raise ValueError(
-            f"{' and '.join(missing)} must be among its columns, not only {found} "
-            f"({', '.join(NAMES)} in m, or {', '.join(NAMES_MM)})."
+            f"its columns must be {', '.join(NAMES)} (positions in m) or {', '.join(NAMES_MM)}, "
+            f"not {found}: missing {', '.join(missing)}."
         )
     for name in wanted:
         if (count := names.count(name)) > 1:

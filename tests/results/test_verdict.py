@@ -314,6 +314,13 @@ def test_on_phantoms_never_seen_all_are_named_whose_intervals_overlap_an_end():
     ]
 
 
+def test_where_nobody_is_above_the_random_agent_on_phantoms_never_seen_nobody_is_the_highest():
+    trials = [*seeds("vpg", LOW), *seeds("ppo", HIGH)]
+    rows = on_unseen(*trials)
+    rows["normalized_score"] -= 0.5
+    assert of_unseen(trials, rows)[3] == "No score there is above that of the random agent"
+
+
 def test_scores_on_phantoms_never_seen_name_the_noise_where_not_all_was_tested():
     quiet = [*seeds("vpg", LOW), *seeds("ppo", HIGH)]
     noisy = [*seeds("vpg", LOW, noise=0.5), *seeds("ppo", HIGH, noise=0.5)]

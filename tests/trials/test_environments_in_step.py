@@ -148,3 +148,8 @@ def test_reports_are_those_of_single_environments():
                 env.reset()
     assert [facts.pop("step") for facts in told] == [48] * 3 + [96] * 3
     assert sorted(told, key=str) == sorted(alone, key=str)
+
+
+def test_an_argument_that_there_is_not_is_refused_by_name():
+    with pytest.raises(ConfigurationError, match=r"unknown argument 'step' \(did you mean 'steps'\?\)"):
+        resolve("dqn", "pp", step=3)

@@ -37,9 +37,9 @@ EXAMPLES = """examples:
   usbench compare --algos double_dqn --tasks pp-tracked --noise 0 --seeds 4 \\
       --n-frames 2 --senses position heading actions --out tracked
       an agent that is told its own last action, on unseen phantoms
-  usbench compare --steps 1024 --seeds 2 --out quick \\
-      --leaderboard quick/leaderboard.md
-      a minute's try
+  usbench compare --algos vpg dqn --tasks pp --noise 0 --steps 1024 --seeds 2 \\
+      --out quick --leaderboard quick/leaderboard.md
+      a try of some minutes
   usbench compare --cluster tcp://host:8786
       on the workers of a Dask cluster (docs/scaling.md)
 

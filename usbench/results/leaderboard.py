@@ -43,8 +43,8 @@ The normalised score is (return - random) / (optimal - random), with exact ancho
 1 the optimum. It is the interquartile mean (IQM) over seeds after the last training step, with the 95 %
 stratified bootstrap interval; such intervals are too narrow with few seeds (docs/comparison.md says how
 much). All agents meet the same evaluation episodes with the same draws of noise, and the intervals are
-for these. Scores 0 and 1 are expected returns over all draws of noise; in those of these episodes the
-optimum gets the score of the row `oracle`, which is not always 1, and the random agent that of the row
+for these. Scores 0 and 1 are expected returns over all draws of noise. With the draws of these episodes
+the optimum has the score of the row `oracle`, which is not always 1, and the random agent that of the row
 `random`, so that an agent can have a higher score than the oracle. Every agent takes its greedy action:
 the one that it finds most probable or, if it is value-based, the one that it values most; advice should
 be the best there is. The score with sampled actions stands beside it, where there are probabilities to

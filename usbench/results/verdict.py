@@ -270,8 +270,10 @@ def _ends(rows: pd.DataFrame) -> list[str]:
     """Return in a sentence which agents have the lowest and which the highest scores on unseen phantoms.
 
     All agents are named whose intervals overlap that of the lowest or of the highest; nobody is, where one
-    overlaps both.
+    overlaps both, or where no score is above that of the random agent.
     """
+    if rows["elsewhere"].max() <= 0:
+        return ["no score there is above that of the random agent."]
     if len(rows) < 2 or rows["low"].isna().any():
         return []
     lowest, highest = (rows.loc[place] for place in (rows["elsewhere"].idxmin(), rows["elsewhere"].idxmax()))

@@ -2,15 +2,20 @@
 
 import platform
 from collections.abc import Mapping
+from dataclasses import fields
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from usbench.agents import zoo
-from usbench.checks import as_configuration_error, check_seed, whole_number
+from usbench.checks import as_configuration_error, check_seed, unknown, whole_number
 from usbench.records import TrialConfig
 from usbench.records.configuration import LARGEST_COUNT, MAX_ENVS
 from usbench.setting import Setting
+
+# What `resolve` takes beside names of algorithm and task: values of its own, and those of a setting.
+OWN = ("seed", "steps", "n_envs", "preset", "overrides")
+SETTINGS = tuple(field.name for field in fields(Setting) if field.name != "task")
 
 # What is recorded with a trial, since its bits depend on them.
 PACKAGES = (
@@ -60,6 +65,9 @@ def resolve(
     """
     with as_configuration_error():
         # Names first: they are cheap to check.
+        for name in setting:
+            if name not in SETTINGS:
+                raise unknown("argument", name, (*OWN, *SETTINGS))
         entry = zoo.entry(algo)
         met = Setting(task=task, **setting)
         if entry.needs:

@@ -81,8 +81,8 @@ def test_what_is_out_of_view_is_left_out():
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("x,y,z\n0,0,0.03\n", "amplitude must be among its columns, not only x, y, z"),
-        ("x_mm,y,z,amplitude\n0,0,0.03,1\n", "y_mm and z_mm must be among its columns"),
+        ("x,y,z\n0,0,0.03\n", "not x, y, z: missing amplitude."),
+        ("x_mm,y,z,amplitude\n0,0,0.03,1\n", "not x_mm, y, z, amplitude: missing y_mm, z_mm."),
         ("x_mm,x_mm,y_mm,z_mm,amplitude\n0,1,0,30,1\n", "x_mm must be one of its columns, not 2 of them."),
         # With blanks it is the same name.
         ("x,y,z,amplitude, amplitude \n0,0,0.03,1,1\n", "amplitude must be one of its columns, not 2 of"),
@@ -117,7 +117,7 @@ def test_tables_that_cannot_be_used(text, message, tmp_path):
 @pytest.mark.parametrize(
     ("arrays", "message"),
     [
-        ({"x": [0.0]}, "y and z and amplitude must be among its columns, not only x"),
+        ({"x": [0.0]}, "not x: missing y, z, amplitude."),
         ({name: np.zeros((2, 2)) for name in ("x", "y", "z", "amplitude")}, "one shape (n,), not (2, 2)."),
         ({"x": [0.0], "y": [0.0], "z": [0.1, 0.2], "amplitude": [1.0]}, "one shape (n,), not (1,), (2,)."),
         (
