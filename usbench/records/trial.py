@@ -270,9 +270,9 @@ def load(
         if rows.empty:
             continue
         cell = {key: getattr(trial.config, key) for key in CELL}
-        own = {"trial": trial.name, **cell, "status": trial.status}
-        rows = rows.drop(columns=own.keys(), errors="ignore")
-        for column, value in reversed(own.items()):
+        ahead = {"trial": trial.name, **cell, "status": trial.status}
+        rows = rows.drop(columns=ahead.keys(), errors="ignore")
+        for column, value in reversed(ahead.items()):
             rows.insert(0, column, value)
         parts.append(rows)
     if not parts:
