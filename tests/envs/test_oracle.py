@@ -2,15 +2,17 @@
 
 import dataclasses
 import math
+import pickle
 
 import numpy as np
 import pytest
 from brute_force import expectimax
 
-from usbench.envs.oracle import DecisionProcess, policy, returns
+from usbench.envs.oracle import DecisionProcess, Planner, policy, returns
 from usbench.envs.pose import Pose
 from usbench.envs.tasks.focal_point import FOCAL_POINT, FocalPointEnv
 from usbench.envs.tasks.probe_plane import PROBE_PLANE, ProbePlaneEnv
+from usbench.envs.tasks.random_phantoms import PROBE_PLANE_RANDOM
 
 TARGET = Pose(0, 50, 0)
 
@@ -133,6 +135,19 @@ def test_another_target_moves_the_goal():
     best = policy("fp", 0.0, target=Pose(10, 30, 0))
     assert best.action(0, (10, 30, 0)) == 0
     assert best.action(0, (0, 30, 0)) == 2
+
+
+def test_a_planner_keeps_a_byte_per_step_and_state_once_for_targets_of_equal_rewards():
+    task, poses = PROBE_PLANE_RANDOM, ((0, 50, 15), (-5, 50, 210))
+    planner = Planner(DecisionProcess(task, noise=0.25))
+    before = len(pickle.dumps(planner))
+    for angle_deg in range(0, 360, 15):
+        found = [planner.action(step, pose, (5, 50, angle_deg)) for step in (0, 15) for pose in poses]
+        best = policy(task, 0.25, target=Pose(5, 50, angle_deg))
+        assert found == [best.action(step, pose) for step in (0, 15) for pose in poses]
+    kept = len(pickle.dumps(planner)) - before
+    # An object that is turned by 180 degrees is the same.
+    assert kept < 12 * task.n_steps * len(task.states) + 10_000
 
 
 @pytest.mark.parametrize(
