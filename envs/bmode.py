@@ -95,7 +95,13 @@ def envelope(signals: npt.ArrayLike) -> npt.NDArray[np.float32]:
 
         padded = 2 ** math.ceil(math.log2(2 * len(array)))  # as the transform is periodic
         array = signal.hilbert(array, N=padded, axis=0)[: len(array)]
-    return np.asarray(np.abs(array), dtype=np.float32)
+    with np.errstate(over="ignore"):
+        found = np.asarray(np.abs(array), dtype=np.float32)
+    if not np.isfinite(found).all():
+        raise ValueError(
+            "signals must be so weak that the envelope is below 3.4e38, the largest 32-bit number."
+        )
+    return found
 
 
 def bmode(
@@ -206,9 +212,9 @@ def simulated_bmode(
 def log_compress(envelopes: npt.NDArray[np.float32], dynamic_range_db: float) -> npt.NDArray[np.float32]:
     """Return decibels above the lower end of the dynamic range, 0 .. dynamic_range_db; silence is 0."""
     largest = float(envelopes.max(initial=0.0))
-    if largest == 0.0:
-        return np.zeros_like(envelopes)
     floor = np.float32(largest * 10.0 ** (-dynamic_range_db / 20))
+    if floor == 0.0:  # also of what is weaker than 32 bits can tell from silence
+        return np.zeros_like(envelopes)
     decibels = 20.0 * np.log10(np.maximum(envelopes, floor) / floor)
     return decibels.astype(np.float32, copy=False)
 

@@ -20,7 +20,7 @@ import numpy.typing as npt
 from scipy import fft
 
 from usbench.checks import METRES, meant, number
-from usbench.envs.arrays import real
+from usbench.envs.arrays import check_amplitudes, real
 from usbench.envs.attenuation import checked_attenuation, nepers_per_m_hz
 from usbench.envs.field.direct import add_echoes
 from usbench.envs.field.elevation import ElevationTaps, elevation_taps
@@ -50,7 +50,7 @@ def simulate_rf(
 
     Args:
         positions: Scatterers in the probe's coordinates (lateral, elevation, depth), (n, 3) m.
-        amplitudes: Their scattering amplitudes, (n,).
+        amplitudes: Their scattering amplitudes, (n,), up to 1e30.
         array: The transducer.
         focal_depth: Of transmit and, without a `receive_focus`, of receive, m.
         line_positions: Lateral positions of the lines, (n_lines,) m; default `array.line_positions`.
@@ -175,6 +175,7 @@ def _checked(
     for name, values in (("positions", points), ("amplitudes", weights), ("line_positions", lines)):
         if not np.isfinite(values).all():
             raise ValueError(f"{name} must be finite, without NaN.")
+    check_amplitudes(weights)
     if len(points) and points[:, 2].min() <= 0:
         raise ValueError(
             f"scatterers must lie below the surface (z > 0), not at z = {points[:, 2].min():g} m."

@@ -11,9 +11,9 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from usbench.checks import ConfigurationError, number
+from usbench.checks import ConfigurationError
 from usbench.envs.anatomy import point_file
-from usbench.envs.arrays import real
+from usbench.envs.arrays import check_amplitudes, real
 from usbench.envs.attenuation import checked_attenuation
 from usbench.envs.pose import Pose
 
@@ -25,8 +25,6 @@ BYTES_PER_SCATTERER = 300
 _MANY = 1_000_000
 # As far from the probe as the simulator goes.
 _FARTHEST = 0.5
-# Echoes of many are added up in single precision, which ends at 3e38.
-_STRONGEST = 1e30
 
 
 class PointScatterers:
@@ -71,9 +69,7 @@ class PointScatterers:
             if not np.isfinite(values).all():
                 raise ValueError(f"{name} must be finite, without NaN.")
             values.flags.writeable = False
-        strongest = int(np.abs(self.amplitudes).argmax())
-        name = f"amplitude of scatterer {strongest + 1}"
-        number(name, float(self.amplitudes[strongest]), low=-_STRONGEST, high=_STRONGEST)
+        check_amplitudes(self.amplitudes)
         if (highest := float(self.positions[:, 2].min())) <= 0:
             raise ValueError(f"scatterers must lie below the surface (z > 0), not at z = {highest:g} m.")
         if (farthest := float(np.abs(self.positions).max())) > _FARTHEST:

@@ -342,3 +342,17 @@ def test_refuses_a_gain(value):
 def test_refuses_a_curve_of_gain(curve, said):
     with pytest.raises((TypeError, ValueError), match=f"{re.escape(said)}$"):
         Imaging(tgc_db_per_cm=curve)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("factor", [1e39, 1e300])
+@pytest.mark.parametrize("which", [0, 1])
+def test_refuses_signals_beyond_the_numbers_of_an_envelope(factor, which):
+    with pytest.raises(ValueError, match=r"signals must be so weak that the envelope is below 3\.4e38"):
+        bmode(burst()[which] * factor, FS, LINES)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("factor", [1e-44, 1e-50, 1e-300])
+def test_signals_too_weak_for_a_dynamic_range_are_silence(factor):
+    assert not bmode(burst()[1] * factor, FS, LINES).any()

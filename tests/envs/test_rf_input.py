@@ -123,3 +123,10 @@ def test_a_number_of_32_bits_is_taken_as_its_float(name, with_table, monkeypatch
         found.append(simulate_iq(CLOUD, WEIGHTS, LinearArray(**SMALL), **arguments)[0])
         kept.append(sorted(path.name for path in tmp_path.rglob("*") if path.is_file()))
     assert found[0].tobytes() == found[1].tobytes() and kept[0] == kept[1]
+
+
+@pytest.mark.parametrize("amplitude", [1e31, -1e39])
+def test_refuses_amplitudes_that_single_precision_cannot_add_up(amplitude):
+    said = re.escape(f"amplitude of scatterer 2 must be a number in [-1e+30, 1e+30], not {amplitude!r}.")
+    with pytest.raises(ValueError, match=f"^{said}$"):
+        simulate_rf([(0, 0, 0.03), (0, 0, 0.05)], [1.0, amplitude], LinearArray(**SMALL), 0.05)
