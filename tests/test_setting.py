@@ -35,22 +35,6 @@ def test_a_value_of_another_type_is_refused_in_one_short_sentence(make, values, 
     assert re.fullmatch(said, str(refused.value)) and len(str(refused.value)) < 200
 
 
-@pytest.mark.parametrize(
-    ("n_frames", "imaging", "size"),
-    [
-        (40, Imaging(), "90 x 40"),
-        (64, Imaging(), "90 x 40"),
-        (4, Imaging(height_px=4, width_px=8), "4 x 8"),
-        (4, Imaging(width_px=4), "90 x 4"),
-    ],
-)
-def test_as_many_frames_as_the_picture_has_rows_or_columns_are_refused(n_frames, imaging, size):
-    said = f"n_frames must be less than the height and the width of a frame ({size} pixels), not {n_frames}: "
-    with pytest.raises(ConfigurationError, match=re.escape(said)):
-        Setting(task="pp", n_frames=n_frames, imaging=imaging)
-    assert Setting(task="pp", n_frames=3, imaging=imaging).n_frames == 3
-
-
 def test_no_probe_becomes_the_default_one():
     setting = Setting(task="pp", probe=None)
     assert setting == Setting(task="pp") and setting.probe == DEFAULT_ARRAY

@@ -51,7 +51,7 @@ class Setting:
     Attributes:
         task: Name of the task.
         noise: Probability of a slip after each action.
-        n_frames: Frames in one observation, fewer than a frame has rows or columns.
+        n_frames: Frames in one observation.
         reward: What the agent is trained on; scores are always those of the true reward.
         anatomy: A custom anatomy in place of the task's phantom; None for the task's own.
         probe: The transducer; None becomes the default one.
@@ -90,7 +90,6 @@ class Setting:
             object.__setattr__(self, "probe", plain.probe)
             object.__setattr__(self, "imaging", plain.imaging)
             object.__setattr__(self, "senses", plain.senses.names)
-            self._check_picture()
 
     @classmethod
     def recorded(cls, config: TrialConfig) -> Setting:
@@ -256,15 +255,6 @@ class Setting:
             ConfigurationError: If the task draws no phantoms, moves the focus, or does not tell the pose.
         """
         return self._of_drawn_phantoms(scene_model, "a classical agent")
-
-    def _check_picture(self) -> None:
-        """Raise ValueError if the stacked frames are no picture, whose channels are its smallest axis."""
-        size = self.imaging.height_px, self.imaging.width_px
-        if self.n_frames >= min(size):
-            raise ValueError(
-                f"n_frames must be less than the height and the width of a frame ({size[0]} x {size[1]} "
-                f"pixels), not {self.n_frames}: agents take the smallest axis of a picture for its channels."
-            )
 
     def _check_drawn(self, what: str) -> None:
         """Raise ValueError if the task draws no phantoms, for which alone `what` is."""
