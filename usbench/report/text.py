@@ -19,7 +19,7 @@ _HEADING = re.compile(r"^## (.+)$", re.MULTILINE)
 # What `usbench.results.text.folded` writes around a part, each in a paragraph of its own.
 _FOLD, _FOLD_END = re.compile(r"<details>\s*<summary>([^<>]*)</summary>"), "</details>"
 # Nothing that could lead out of the page: names and reasons in records may be a stranger's.
-_MARKDOWN = MarkdownIt("zero").enable(["table", "list", "fence", "backticks", "emphasis"])
+_MARKDOWN = MarkdownIt("zero").enable(["table", "list", "fence", "backticks", "emphasis", "entity"])
 
 
 def sections(known: Results) -> dict[str, Markup]:
