@@ -1,4 +1,4 @@
-"""Where agents fail: poses that look alike, how episodes end, scores with a single frame: `make failures`.
+"""Where agents fail: poses that look alike, how episodes end, what frames and steps change: `make failures`.
 
 Prints the tables for docs/failures.md and draws its figures. Look-alikes come from the frames of the default
 phantom, all else from the records in folders of trials. How episodes end is kept in a table beside its
@@ -19,6 +19,7 @@ from usbench.compare import plan, protocol
 from usbench.envs.frames import frame_store
 from usbench.figures import episode_ends, look_alikes, style
 from usbench.results import sources, tables
+from usbench.results.protocol.changes import changes
 from usbench.setting import make_env
 
 NOT_DRAWN = ("random", "stay")
@@ -45,14 +46,14 @@ def ends_of(runs: Path) -> pd.DataFrame | None:
     return None if chosen.empty else episode_ends.shares(chosen)
 
 
-def scores_of(runs: Path, others: Path) -> pd.DataFrame:
-    """Return scores by the frames of an observation, of `others` and of the folder `runs` if there is one.
+def changes_of(runs: Path, others: Path, varied: str) -> pd.DataFrame:
+    """Return what `varied` changes in the scores, of `others` and of the folder `runs` if there is one.
 
     Raises:
         ConfigurationError: If there is no folder `others`, or records are broken.
     """
     folders = [*([runs] if runs.is_dir() else []), others]
-    return episode_ends.by_frames(sources.gather(folders))
+    return changes(sources.gather(folders), varied)
 
 
 def printed(rows: pd.DataFrame, title: str) -> Table:
@@ -69,12 +70,20 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=Path, default=Path("runs"), help="folder of trials (default runs)")
     parser.add_argument("--frames", type=Path, help="trials, or tables, with several numbers of frames")
+    parser.add_argument("--budgets", type=Path, help="trials, or tables, with several budgets")
     parser.add_argument("--pairs", type=int, default=8, help="look-alikes per task (default 8)")
     parser.add_argument("--figure", type=Path, help="also draw the look-alikes here (PNG, SVG or PDF)")
     parser.add_argument("--ends", type=Path, help="also draw here how episodes end; the table .csv beside it")
     args = parser.parse_args()
     try:
-        by_frames = scores_of(args.runs, args.frames) if args.frames else None
+        changed = [
+            (changes_of(args.runs, others, varied), title)
+            for others, varied, title in (
+                (args.frames, "n_frames", "Scores by the frames of an observation"),
+                (args.budgets, "steps", "Scores by the steps of the training"),
+            )
+            if others
+        ]
     except ConfigurationError as error:
         parser.error(str(error))
     known = {suite.TASKS[task].guidance: frames(task) for task in suite.PAPER}
@@ -95,8 +104,8 @@ def main() -> None:
         console.print(printed(ends, "How episodes end, greedy actions, as shares"))
         if args.ends:
             style.save(episode_ends.draw(ends[~ends["algo"].isin(NOT_DRAWN)]), args.ends)
-    if by_frames is not None:
-        console.print(printed(by_frames, "Scores by the frames of an observation"))
+    for rows, title in changed:
+        console.print(printed(rows, title))
 
 
 if __name__ == "__main__":

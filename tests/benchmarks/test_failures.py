@@ -15,9 +15,10 @@ def test_only_trials_of_the_grid_tell_how_episodes_end(finished, monkeypatch):
     assert (row["task"], row["noise"], row["algo"], row["seeds"]) == ("pp", 0.5, "vpg", 1)
 
 
-def test_a_folder_of_frames_that_is_not_there_is_refused(monkeypatch, capsys, tmp_path):
+@pytest.mark.parametrize("option", ["--frames", "--budgets"])
+def test_a_folder_that_is_not_there_is_refused(option, monkeypatch, capsys, tmp_path):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "argv", ["failures.py", "--frames", "nowhere"])
+    monkeypatch.setattr(sys, "argv", ["failures.py", option, "nowhere"])
     with pytest.raises(SystemExit):
         failures.main()
     assert "there is no folder 'nowhere'" in capsys.readouterr().err

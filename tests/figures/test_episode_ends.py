@@ -1,14 +1,11 @@
 """How episodes end, told from records worked out by hand."""
 
-import json
 import math
 
-import numpy as np
 import pandas as pd
 import pytest
 
 from usbench.figures import episode_ends
-from usbench.results.tables import GREEDY, SAMPLED, Results
 
 
 def episode(task, x_mm, depth_mm, start_deg, angle_deg, **others):
@@ -108,53 +105,3 @@ def test_a_later_table_replaces_an_agent_of_a_cell_and_keeps_the_others():
         ["pp", 0.0, "dqn", 0.0],
         ["pp", 0.0, "vpg", 1.0],
     ]
-
-
-def trained(algo, n_frames, seed, score):
-    """The row of a trial and those of its last evaluation, drawn actions a tenth worse."""
-    trial = f"{algo}-{n_frames}-{seed}"
-    settings = json.dumps({"n_frames": n_frames})
-    cell = {"task": "pp", "noise": 0.0, "algo": algo}
-    row = {"trial": trial, "seed": seed, "steps": 64, "settings": settings} | cell
-    ends = [
-        {"trial": trial, "kind": kind, "step": step, "normalized_score": value}
-        for kind, value in ((GREEDY, score), (SAMPLED, score - 0.1))
-        for step, value in ((0, 0.0), (64, value))
-    ]
-    return row, ends
-
-
-def by_frames(*agents):
-    trials, ends = zip(*(trained(*agent) for agent in agents), strict=True)
-    curves = pd.DataFrame([row for own in ends for row in own])
-    return episode_ends.by_frames(Results(pd.DataFrame(trials), curves))
-
-
-def test_scores_by_frames_are_means_over_common_seeds_where_there_are_several_numbers():
-    single = ("vpg", 1, 0, 0.4), ("vpg", 1, 1, 0.6), ("vpg", 1, 2, 0.0)
-    table = by_frames(*single, ("vpg", 4, 0, 0.9), ("vpg", 4, 1, 0.7), ("dqn", 4, 0, 1.0))
-    assert table[["algo", "n_frames", "seeds"]].to_numpy().tolist() == [["vpg", 1, 2], ["vpg", 4, 2]]
-    assert table["greedy"].tolist() == pytest.approx([0.5, 0.8])
-    assert table["drawn"].tolist() == pytest.approx([0.4, 0.7])
-    one, four = table.to_dict("records")
-    assert (one["gain"], one["low"], one["high"]) == pytest.approx((-0.3, -0.5, -0.1))
-    assert pd.isna(four["gain"])
-
-
-def test_what_a_single_frame_gains_has_an_interval_that_holds_it():
-    gains = np.random.default_rng(0).normal(0.1, 0.02, 20)
-    pairs = [
-        ("vpg", n, seed, 0.5 + 0.1 * (seed % 3) + (n == 1) * gains[seed])
-        for n in (1, 4)
-        for seed in range(20)
-    ]
-    one, _ = by_frames(*pairs).to_dict("records")
-    # The seeds themselves differ by more than that.
-    assert one["low"] < 0.1 < one["high"] < one["gain"] + 0.03
-
-
-def test_trials_that_differ_in_more_than_frames_are_not_compared():
-    trials, ends = zip(*(trained("vpg", n, 0, 0.5) for n in (1, 4)), strict=True)
-    curves = pd.DataFrame([row for own in ends for row in own])
-    longer = [trials[0], trials[1] | {"steps": 128}]
-    assert episode_ends.by_frames(Results(pd.DataFrame(longer), curves)).empty

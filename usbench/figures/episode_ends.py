@@ -1,7 +1,5 @@
 """The ways in which evaluation episodes fail, from records alone: the two of the paper and others."""
 
-import json
-
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
@@ -11,8 +9,7 @@ from usbench.envs.oracle import PAPER_TARGET
 from usbench.envs.pose import sin_deg
 from usbench.figures import style
 from usbench.figures.cells import cell_panels
-from usbench.results.scores import CELL, Cell, score_of, value_based
-from usbench.results.tables import GREEDY, SAMPLED, Results
+from usbench.results.scores import CELL, Cell
 
 KINDS = (
     "success", "beside", "too_deep", "too_shallow", "out_of_plane", "one_turn_off", "half_turn", "long_way",
@@ -96,51 +93,6 @@ def draw(ends: pd.DataFrame) -> Figure:
     names = [kind for kind in _LOOKS if kind in handles]
     style.legend(figure, [handles[kind] for kind in names], [kind.replace("_", " ") for kind in names])
     return figure
-
-
-def by_frames(results: Results) -> pd.DataFrame:
-    """Return the final scores of algorithms that were trained on observations of several numbers of frames.
-
-    Only trials count that differ in nothing else, with the seeds that all these numbers have.
-
-    Returns:
-        A row per task, noise, algorithm and `n_frames`, with the columns `seeds` and the mean normalised
-        score over them: `greedy` with greedy actions, `drawn` with sampled ones (NaN for value-based
-        algorithms). `gain` is the interquartile mean of what greedy actions score more than with the largest
-        number of frames and the same seed, `low` and `high` its 95 % bootstrap interval; NaN in the row of
-        the largest number. Algorithms with one number of frames in a cell have no row.
-    """
-    trials = results.trials[results.trials["steps"] > 0]
-    settings = trials["settings"].map(json.loads)
-    trials = trials.assign(
-        n_frames=settings.map(lambda one: one["n_frames"]),
-        rest=settings.map(lambda one: json.dumps({**one, "n_frames": None}, sort_keys=True)),
-    )
-    last = results.curves[results.curves["kind"].isin((GREEDY, SAMPLED))].groupby(["trial", "kind"]).tail(1)
-    last = last[(last["kind"] == GREEDY) | ~last["trial"].isin(trials["trial"][value_based(trials)])]
-    final = trials.merge(last, on="trial", suffixes=("", "_last"))
-    rows = []
-    for (task, noise, algo, _, _), own in final.groupby(["task", "noise", "algo", "steps", "rest"]):
-        scores = own.pivot_table(index="seed", columns=["n_frames", "kind"], values="normalized_score")
-        numbers = sorted(own["n_frames"].unique())
-        scores = scores.dropna(subset=[(number, GREEDY) for number in numbers])
-        if len(numbers) > 1 and len(scores):
-            cell = {"task": task, "noise": noise, "algo": algo, "seeds": len(scores)}
-            rows += [cell | _with_frames(number, max(numbers), scores) for number in numbers]
-    columns = ["task", "noise", "algo", "n_frames", "seeds", GREEDY, SAMPLED, "gain", "low", "high"]
-    return pd.DataFrame(rows, columns=columns)
-
-
-def _with_frames(number: int, largest: int, scores: pd.DataFrame) -> dict[str, float]:
-    """Return the numbers of one row of `by_frames` from scores (n_seeds, n_frames and kind)."""
-    means = {"n_frames": number} | {
-        kind: scores.get((number, kind), pd.Series(dtype=float)).mean() for kind in (GREEDY, SAMPLED)
-    }
-    if number == largest:
-        return means
-    more = (scores[number, GREEDY] - scores[largest, GREEDY]).to_numpy(np.float64)
-    found = score_of(more[:, np.newaxis])
-    return means | {"gain": found["score"], "low": found["score_low"], "high": found["score_high"]}
 
 
 def _moves(coordinate: str) -> dict[str, bool]:
