@@ -4,14 +4,11 @@ import numpy as np
 import pytest
 import symmetric
 import torch
+from pp_tracked import SETTING, SYMMETRIES, observations
+from small_double_dqn import SMALL
 
 from usbench.agents import zoo
 from usbench.agents.vec_env import SB3VecEnv
-from usbench.setting import Setting
-
-SETTING = Setting(task="pp-tracked", senses=("position", "heading", "actions"), n_frames=2)
-SYMMETRIES = SETTING.symmetries()
-SMALL = {"learning_starts": 16, "train_freq": 4, "batch_size": 16, "buffer_size": 1000}
 
 
 def made(algo, **more):
@@ -20,19 +17,11 @@ def made(algo, **more):
     return zoo.make(algo, env, 0, chosen, device="cpu", symmetries=SYMMETRIES, **more)
 
 
-def drawn(n, seed):
-    generator = torch.Generator().manual_seed(seed)
-    return {
-        "image": torch.randn(n, 90, 40, 2, generator=generator),
-        "senses": torch.randn(n, 2 * SYMMETRIES.sources.shape[1], generator=generator),
-    }
-
-
 def test_a_transition_is_seen_in_one_view_before_and_after_and_in_its_action(monkeypatch):
     agent = made("double_dqn")
     agent.max_shift_px = 0
     monkeypatch.setattr(agent.policy.q_net.views, "drawn", torch.arange)
-    before, after, actions = drawn(8, 1), drawn(8, 2), torch.arange(8)[:, None] % 5
+    before, after, actions = observations(8, 1), observations(8, 2), torch.arange(8)[:, None] % 5
     seen, acted, following = agent._viewed(before, actions, after)
     for k in range(8):
         for given, found in ((before, seen), (after, following)):
@@ -46,7 +35,7 @@ def test_costs_move_with_the_actions_of_a_view(monkeypatch):
     agent = made("distilled", teacher=SETTING.teacher())
     agent.max_shift_px = 0
     monkeypatch.setattr(agent.policy.q_net.views, "drawn", torch.arange)
-    seen, costs = drawn(8, 1), torch.rand(8, 5, generator=torch.Generator().manual_seed(3))
+    seen, costs = observations(8, 1), torch.rand(8, 5, generator=torch.Generator().manual_seed(3))
     monkeypatch.setattr(agent.replay_buffer, "advice", lambda n: (seen, costs))
     errors = []
     for k in range(8):
@@ -62,7 +51,7 @@ def test_observations_before_and_after_are_shifted():
     agent = made("double_dqn")
     agent.max_shift_px = 3
     torch.manual_seed(0)
-    same = drawn(64, 1)
+    same = observations(64, 1)
     seen, _, following = agent._viewed(same, torch.zeros(64, 1, dtype=torch.long), same)
     plain = same["image"]
     for found in (seen, following):
