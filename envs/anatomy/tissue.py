@@ -72,8 +72,9 @@ class Anatomy(abc.ABC):
                 not in it.
         """
         path = Path(path).resolve()
-        anatomy = cls(path=str(path), digest=read(path).digest, target=target or Pose(), **settings)
-        anatomy.placement.check(anatomy.volume, anatomy.width_mm, anatomy.depth_mm)
+        volume = _keep(str(path), read(path))
+        anatomy = cls(path=str(path), digest=volume.digest, target=target or Pose(), **settings)
+        anatomy.placement.check(volume, anatomy.width_mm, anatomy.depth_mm)
         if target is not None:
             anatomy.check_target()
         return anatomy
@@ -131,15 +132,29 @@ class Anatomy(abc.ABC):
 
 # Not the volume itself in an anatomy, so that a pickled one is its configuration.
 @lru_cache(maxsize=2)
+def _kept(path: str, digest: str) -> list[Volume]:
+    """Return the list that holds the volume of a file, once it has been read."""
+    return []
+
+
 def _volume(path: str, digest: str) -> Volume:
+    kept = _kept(path, digest)
+    if kept:
+        return kept[0]
     volume = read(path)
     if volume.digest != digest:
         raise ValueError(
             f"the volume {path!r} has been changed: its digest must be {digest[:16]}, not "
             f"{volume.digest[:16]}."
         )
+    return _keep(path, volume)
+
+
+def _keep(path: str, volume: Volume) -> Volume:
+    """Keep a volume for all anatomies of the file at `path`, its arrays read-only; return it."""
     for array in (volume.voxels, volume.spacing_mm, volume.origin_mm, volume.directions):
         array.flags.writeable = False
+    _kept(path, volume.digest)[:] = [volume]
     return volume
 
 
