@@ -7,7 +7,7 @@ from usbench import cli
 from usbench.envs import frames, scanner
 from usbench.envs.bmode import Imaging
 from usbench.envs.cache import frame_files, table_files
-from usbench.envs.phantom import Phantom
+from usbench.envs.phantom import ObjectOfInterest, Phantom
 from usbench.envs.pose import Pose
 from usbench.envs.probe import LinearArray
 
@@ -31,25 +31,49 @@ def shown(capsys, *argv):
     return [" ".join(line.split()) for line in captured.out.splitlines()]
 
 
-def test_shows_place_size_limit_and_what_each_file_is(capsys, folder):
-    lines = shown(capsys)
-    assert lines[0] == f"folder: {folder}"
-    assert lines[1] == "frames: 1 file, 0.0 MB of at most 250 MB"
-    assert lines[2] == "tables: 0 files, 0.0 MB of at most 1000 MB"
-    (row,) = [line for line in lines if "Phantom" in line]
-    assert "│ 3 frames │ 0.0 MB │" in row
-    assert row.endswith("│ this │ Phantom(seed=7), default array, default imaging │")
+def test_shows_place_size_and_limit_in_three_lines(capsys, folder):
+    assert shown(capsys) == [
+        f"folder: {folder}",
+        "frames: 1 file, 0.0 MB of at most 250 MB",
+        "tables: 0 files, 0.0 MB of at most 1000 MB",
+    ]
+
+
+def test_files_shows_what_each_is(capsys, folder):
+    lines = shown(capsys, "--files")
+    assert lines[:3] == shown(capsys)
+    assert lines[3].startswith("3 frames, 0.0 MB, last used 2")
+    assert lines[4:] == ["Phantom(seed=7), default array, default imaging"]
+
+
+def test_what_a_file_holds_is_broken_to_the_width_of_the_terminal(capsys, folder, monkeypatch):
+    drawn = Phantom(seed=5, object_of_interest=ObjectOfInterest(depth_mm=60, angle_deg=60, contrast=17.5))
+    frames.FrameStore(drawn, LinearArray(), Imaging()).prepare([Pose()])
+    monkeypatch.setenv("COLUMNS", "60")
+    assert cli.main(["cache", "--files"]) == 0
+    lines = capsys.readouterr().out.splitlines()[3:]
+    assert max(map(len, lines)) <= 60
+    assert "    Phantom(seed=5," in lines
+
+
+def test_files_and_clear_do_not_go_together(capsys, folder):
+    assert cli.main(["cache", "--files", "--clear"]) == 2
+    assert "not allowed with argument" in capsys.readouterr().err
+    assert len(list(folder.iterdir())) == 1
 
 
 def test_tells_frames_of_another_simulator_apart(capsys, folder, monkeypatch):
     monkeypatch.setattr(frames, "SIMULATOR", "changed since")
-    (row,) = [line for line in shown(capsys) if "Phantom" in line]
-    assert "│ another │" in row
+    lines = shown(capsys, "--files")
+    assert lines[2] == "1 of another version of the simulator, which this one does not use"
+    assert lines[4].endswith(", of another version of the simulator")
 
 
 def test_a_file_that_is_not_readable_is_shown_and_cleared(capsys, folder):
     (folder / "frames-0.npz").write_bytes(b"not a frame")
-    assert any("not readable" in line for line in shown(capsys))
+    lines = shown(capsys, "--files")
+    assert lines[2] == "1 not readable"
+    assert any(line.startswith("not readable, 0.0 MB, last used") for line in lines)
     assert shown(capsys, "--clear")[0].startswith("removed 2 files")
 
 
@@ -58,15 +82,14 @@ def test_tables_are_listed_and_cleared_too(capsys, folder, monkeypatch):
     table_files.write(
         path, table_files.Contents("depth 0.0943021 m, Probe()", table_files.CODE, {"a": np.ones(3)})
     )
-    lines = shown(capsys)
+    lines = shown(capsys, "--files")
     assert lines[2].startswith("tables: 1 file, 0.0 MB")
-    (row,) = [line for line in lines if "depth" in line]
-    assert row.startswith("│ a table │ 0.0 MB │") and row.endswith("│ this │ depth 0.0943 m, default probe │")
+    assert lines[5].startswith("a table, 0.0 MB, last used 2")
+    assert lines[6:] == ["depth 0.0943 m, default probe"]
     monkeypatch.setattr(table_files, "CODE", "changed since")
-    (row,) = [line for line in shown(capsys) if "depth" in line]
-    assert "│ another │" in row
+    assert shown(capsys)[3] == "1 of another version of the simulator, which this one does not use"
     path.write_bytes(b"not a table")
-    assert any("not readable" in line for line in shown(capsys))
+    assert shown(capsys)[3] == "1 not readable"
     assert shown(capsys, "--clear")[0].startswith("removed 2 files")
     assert not list(folder.iterdir())
 

@@ -4,8 +4,31 @@ from __future__ import annotations
 
 import argparse
 import re
+import shutil
+import textwrap
+from collections.abc import Sequence
 from datetime import datetime
-from typing import Any
+from typing import Any, NamedTuple
+
+DAMAGED = "not readable"
+
+
+class Kept(NamedTuple):
+    """A file in words.
+
+    Attributes:
+        holds: How many frames, or a table; `DAMAGED` where it is not readable.
+        size: In bytes.
+        used: When it was used last, s.
+        scene: What it was made from.
+        is_foreign: Whether another version of the simulator made it.
+    """
+
+    holds: str
+    size: int
+    used: float
+    scene: str = ""
+    is_foreign: bool = False
 
 
 def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
@@ -14,10 +37,12 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         "cache",
         parents=[debug],
         help="show or clear the frames and the simulator's tables kept on disk",
-        description="Show the frames kept on disk and the tables that the simulator makes them from, or "
-        "clear them: they are made again when needed. USBENCH_CACHE sets their place.",
+        description="Show how many frames are kept on disk, and how many tables that the simulator makes "
+        "them from, or clear them: they are made again when needed. USBENCH_CACHE sets their place.",
     )
-    cache.add_argument("--clear", action="store_true", help="remove them")
+    what = cache.add_mutually_exclusive_group()
+    what.add_argument("--files", action="store_true", help="list every file and what it holds, too")
+    what.add_argument("--clear", action="store_true", help="remove them")
     cache.set_defaults(call=_call)
 
 
@@ -26,7 +51,7 @@ def _call(args: argparse.Namespace) -> None:
     if args.clear:
         clear_cache()
     else:
-        print_cache()
+        print_cache(files=args.files)
 
 
 def clear_cache() -> None:
@@ -35,46 +60,73 @@ def clear_cache() -> None:
 
     removed = [kind.clear() for kind in (frame_files.FRAMES, table_files.TABLES)]
     n_files, size = (sum(column) for column in zip(*removed, strict=True))
-    print(f"removed {n_files} file{'s' * (n_files != 1)} ({size / 1e6:.1f} MB) from {folder.cache_folder()}")
+    print(f"removed {_counted(n_files, 'file')} ({size / 1e6:.1f} MB) from {folder.cache_folder()}")
 
 
-def print_cache() -> None:
-    """Print where files are kept, how much of the limits they take, and what each file holds."""
-    from rich.console import Console
-    from rich.table import Table
-
-    from usbench.envs import frames
+def print_cache(*, files: bool = False) -> None:
+    """Print where files are kept and how much of the limits they take, and where `files`, what each holds."""
     from usbench.envs.cache import folder, frame_files, table_files
 
+    frames, tables = _frames(), _tables()
     print(f"folder:         {folder.cache_folder()}")
-    of_frames, of_tables = frame_files.entries(), table_files.entries()
-    for name, entries, limit in (
-        ("frames", of_frames, frame_files.MAX_BYTES),
-        ("tables", of_tables, table_files.MAX_BYTES),
-    ):
-        size = sum(entry.size for entry in entries)
-        counted = f"{len(entries)} file{'s' * (len(entries) != 1)}"
-        print(f"{name + ':':16}{counted}, {size / 1e6:.1f} MB of at most {limit / 1e6:.0f} MB")
-    shown = Table()
-    for name in ("holds", "size", "last used", "simulator", "phantom, array, imaging; or table of"):
-        shown.add_column(name, overflow="fold")
-    damaged = ["not readable", "", ""]
-    for entry in of_frames:
-        row = damaged
-        if (held := entry.contents) is not None:
-            row = [
-                _counted(len(held.frames)),
-                _made_by(held.simulator == frames.SIMULATOR),
-                _readable(held.scene),
-            ]
-        shown.add_row(row[0], *_size_and_use(entry), *row[1:])
-    for one in of_tables:
-        row = damaged
-        if (table := one.contents) is not None:
-            row = ["a table", _made_by(table.code == table_files.CODE), _readable(table.scene)]
-        shown.add_row(row[0], *_size_and_use(one), *row[1:])
-    if of_frames or of_tables:
-        Console().print(shown)
+    _print_sum("frames", frames, frame_files.MAX_BYTES)
+    _print_sum("tables", tables, table_files.MAX_BYTES)
+    if files:
+        width = shutil.get_terminal_size().columns
+        for one in (*frames, *tables):
+            print(_described(one, width))
+
+
+def _print_sum(name: str, found: Sequence[Kept], limit: int) -> None:
+    """Print how many files there are, what they take of `limit` bytes, and how many of them are of no use."""
+    size = sum(one.size for one in found) / 1e6
+    print(f"{name + ':':16}{_counted(len(found), 'file')}, {size:.1f} MB of at most {limit / 1e6:.0f} MB")
+    foreign, damaged = sum(one.is_foreign for one in found), sum(one.holds == DAMAGED for one in found)
+    if foreign:
+        print(f"{'':16}{foreign} of another version of the simulator, which this one does not use")
+    if damaged:
+        print(f"{'':16}{damaged} {DAMAGED}")
+
+
+def _described(one: Kept, width: int) -> str:
+    """Return what a file is, in a line, and what it was made from below, in lines of `width` characters."""
+    used = datetime.fromtimestamp(one.used).isoformat(" ", "minutes")
+    foreign = ", of another version of the simulator" if one.is_foreign else ""
+    first = f"{one.holds}, {one.size / 1e6:.1f} MB, last used {used}{foreign}"
+    indent = " " * 4
+    below = textwrap.wrap(_readable(one.scene), width, initial_indent=indent, subsequent_indent=indent)
+    return "\n".join([first, *below])
+
+
+def _frames() -> list[Kept]:
+    """Return the files of frames, the one used last first."""
+    from usbench.envs.cache import frame_files
+    from usbench.envs.frames import SIMULATOR
+
+    return [
+        Kept(DAMAGED, one.size, one.used)
+        if (held := one.contents) is None
+        else Kept(
+            holds=_counted(len(held.frames), "frame"),
+            size=one.size,
+            used=one.used,
+            scene=held.scene,
+            is_foreign=held.simulator != SIMULATOR,
+        )
+        for one in frame_files.entries()
+    ]
+
+
+def _tables() -> list[Kept]:
+    """Return the files of tables, the one used last first."""
+    from usbench.envs.cache import table_files
+
+    return [
+        Kept(DAMAGED, one.size, one.used)
+        if (held := one.contents) is None
+        else Kept("a table", one.size, one.used, held.scene, is_foreign=held.code != table_files.CODE)
+        for one in table_files.entries()
+    ]
 
 
 def _readable(scene: str) -> str:
@@ -84,13 +136,5 @@ def _readable(scene: str) -> str:
     return re.sub(r"\b\d+\.\d+(e-?\d+)?\b", lambda number: f"{float(number[0]):.4g}", named)
 
 
-def _counted(n_frames: int) -> str:
-    return f"{n_frames} frame{'s' * (n_frames != 1)}"
-
-
-def _made_by(this: bool) -> str:
-    return "this" if this else "another"
-
-
-def _size_and_use(entry: Any) -> tuple[str, str]:
-    return f"{entry.size / 1e6:.1f} MB", datetime.fromtimestamp(entry.used).isoformat(" ", "minutes")
+def _counted(number: int, what: str) -> str:
+    return f"{number} {what}{'s' * (number != 1)}"
