@@ -32,6 +32,11 @@ def name_of(folder: Path) -> str:
     return folder.name.replace("-", ":", 1)
 
 
+def agent_in(folder: Path) -> str:
+    """Return the name of the agent whose trial is in `folder`: that of the folder, unless it is released."""
+    return name_of(folder) if folder.parent == FOLDER else folder.name
+
+
 def folder_of(name: str) -> Path:
     """Return the folder of the released agent `name`, whether there is one or not; inverse of `name_of`."""
     return FOLDER / name.replace(":", "-", 1)

@@ -8,7 +8,7 @@ import pytest
 
 from usbench import cli, records
 from usbench.envs import guidance
-from usbench.guide import agents, examination, study
+from usbench.guide import agents, examination, study, study_record
 from usbench.guide.session import Session
 from usbench.records import ConfigurationError
 from usbench.records.journal import read_rows
@@ -253,6 +253,19 @@ def test_damaged_study_is_named(tmp_path):
     with pytest.raises(ConfigurationError, match="study-anna' is not the record of a study"):
         studies.gather(tmp_path)
     (tmp_path / "study-anna" / "study.json").write_text("[" * 100_000)
-    assert study.agent_of(tmp_path, "anna") is None
+    assert study_record.agent_of(tmp_path, "anna") is None
     with pytest.raises(ConfigurationError, match="study-anna' is not the record of a study"):
         studies.gather(tmp_path)
+
+
+def test_a_study_that_began_otherwise_is_refused_before_an_address_is_told(finished, tmp_path, capsys):
+    runs = tmp_path / "studies"
+    Session(runs, study="anna").close()
+    for options, said in (
+        (["--task", "fp"], "task (pp, not fp)"),
+        (["--noise", "0.25"], "noise (0.0, not 0.25)"),
+        ([str(finished), "--noise", "0"], f"agent (oracle, not {finished.name})"),
+    ):
+        assert cli.main(["guide", *options, "--study", "anna", "--runs", str(runs), "--no-browser"]) == 2
+        shown = capsys.readouterr()
+        assert shown.out == "" and f"the study 'anna' has begun with another {said}" in shown.err

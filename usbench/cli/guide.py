@@ -19,6 +19,7 @@ from usbench.cli.arguments import add_probe_and_imaging, add_runs, number, probe
 
 if TYPE_CHECKING:
     from usbench.guide.session import Session
+    from usbench.records import Trial
 
 # A phantom that the best agent of the package has never seen.
 OPENING = "pp-tracked"
@@ -121,22 +122,37 @@ def _check(args: argparse.Namespace) -> None:
         raise ConfigurationError("--seed has no part in a study, whose episodes are the same for all.")
     if args.task is not None:
         guided.check_task(args.task)
-    if args.trial is not None:
-        _check_trial(args.trial, args.task)
+    trial = None if args.trial is None else _trial(args.trial, args.task)
+    if args.study is not None:
+        _check_study(args, trial)
 
 
-def _check_trial(trial: Path, task: str | None) -> None:
-    """Refuse an agent of a task that the guide does not show, or of another task than is asked for."""
+def _trial(named: Path, task: str | None) -> Trial:
+    """Return the trial of an agent; refuse one of a task that is not shown, or not asked for."""
     from usbench.guide import guided
     from usbench.records import Trial, no_trial
 
-    folder = released.place(trial)
+    folder = released.place(named)
     if not folder.is_dir():
-        raise no_trial(trial)
+        raise no_trial(named)
     try:
-        own = Trial.read(folder).config.task
+        trial = Trial.read(folder)
     except ValueError as error:
         raise ConfigurationError(str(error)) from error
-    guided.check_shown(str(trial), own)
+    guided.check_shown(str(named), trial.config.task)
     if task is not None:
-        guided.check_task_of_agent(str(trial), own, task)
+        guided.check_task_of_agent(str(named), trial.config.task, task)
+    return trial
+
+
+def _check_study(args: argparse.Namespace, trial: Trial | None) -> None:
+    """Refuse a study that has begun with another task, noise or agent than is asked for."""
+    from usbench.guide.study_record import has_begun
+
+    asked: dict[str, Any] = {"task": args.task or "pp", "noise": 0.0}
+    if trial is not None:
+        name = released.agent_in(trial.folder.resolve())
+        asked = {"task": trial.config.task, "noise": trial.config.noise, "agent": name}
+    if args.noise is not None:
+        asked["noise"] = float(args.noise)
+    has_begun(args.runs, args.study, asked)

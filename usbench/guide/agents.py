@@ -59,7 +59,7 @@ class Known:
     @property
     def name(self) -> str:
         """Name of the trial, or of the agent that comes with the package."""
-        return released.name_of(self.folder) if self.is_released else self.folder.name
+        return released.agent_in(self.folder)
 
     @property
     def is_released(self) -> bool:

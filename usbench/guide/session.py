@@ -14,7 +14,8 @@ from usbench.guide import view
 from usbench.guide.agents import ORACLE, Known
 from usbench.guide.examination import Examination, Opened
 from usbench.guide.guided import GUIDED, check_task
-from usbench.guide.study import Study, agent_of
+from usbench.guide.study import Study
+from usbench.guide.study_record import agent_of
 from usbench.guide.training import QuickTraining, can_train
 from usbench.records import ConfigurationError
 from usbench.setting import Setting

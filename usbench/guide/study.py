@@ -17,8 +17,9 @@ from filelock import Timeout
 from usbench.atomic import atomic_file
 from usbench.checks import as_configuration_error, check_plain_name
 from usbench.guide.examination import Examination, Opened
+from usbench.guide.study_record import has_begun
 from usbench.records import EVALUATIONS, ConfigurationError, Evaluation, unwritable
-from usbench.records.journal import UNREADABLE, append_all, cut_torn_line, read_rows, told
+from usbench.records.journal import append_all, cut_torn_line, read_rows
 from usbench.records.lock import lock_of
 from usbench.results.studies import ADVISED, AGENT, HUMAN, OPTIMUM, STUDY, folder_of
 from usbench.setting import Setting
@@ -46,15 +47,6 @@ def plan(name: str, setting: Setting) -> tuple[Play, ...]:
     )
 
 
-def agent_of(runs: Path, name: str) -> str | None:
-    """Return who advises in the study `name` in a folder of `runs`; None if it has not begun."""
-    try:
-        record = json.loads((folder_of(runs, name) / STUDY).read_text(encoding="utf-8"))
-        return str(record["agent"])
-    except (*UNREADABLE, OSError, KeyError, TypeError):  # what is wrong with it is told where it goes on
-        return None
-
-
 class Study:
     """One person's study; what has been played is on disk, and a study that was ended goes on from there.
 
@@ -76,7 +68,7 @@ class Study:
         record = {"study": name, "task": setting.task, "noise": setting.noise, "agent": agent}
         record["plays"] = len(self.plays)
         record |= {"anchors": asdict(setting.anchors()), "environment": setting.record()}
-        self._has_begun(record)  # First: other options are wrong whoever plays it.
+        has_begun(runs, name, record)  # First: other options are wrong whoever plays it.
         try:
             self._lock = lock_of(self.folder)
             self._lock.acquire()
@@ -87,7 +79,7 @@ class Study:
         except OSError as error:
             raise unwritable(self.folder, error) from error
         try:
-            self._begin(record)
+            self._begin(runs, record)
         except BaseException:
             self.close()
             raise
@@ -161,9 +153,9 @@ class Study:
         )
         return line.as_row() | {"player": player}
 
-    def _begin(self, record: dict[str, Any]) -> None:
+    def _begin(self, runs: Path, record: dict[str, Any]) -> None:
         """Write the record of the study, unless it has begun."""
-        if self._has_begun(record):
+        if has_begun(runs, self.name, record):
             return
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
@@ -171,27 +163,3 @@ class Study:
                 file.write(json.dumps(record, indent=1).encode())
         except OSError as error:
             raise unwritable(self.folder, error) from error
-
-    def _has_begun(self, record: dict[str, Any]) -> bool:
-        """Return whether the study has begun; ConfigurationError if it has begun otherwise."""
-        path = self.folder / STUDY
-        if not path.is_file():
-            return False
-        try:
-            # Studies of earlier versions do not tell how much is played.
-            before = {"plays": record["plays"], **json.loads(path.read_text(encoding="utf-8"))}
-        except (*UNREADABLE, TypeError) as error:
-            raise ConfigurationError(f"{str(path)!r} is not the record of a study: {told(error)}.") from error
-        now = json.loads(json.dumps(record))
-        if differing := [name for name in now if before.get(name) != now[name]]:
-            raise ConfigurationError(
-                f"the study {self.name!r} has begun with another {_said(differing[0], before, now)}: "
-                "give the same options as before, or choose another name."
-            )
-        return True
-
-
-def _said(name: str, before: dict[str, Any], now: dict[str, Any]) -> str:
-    """Return in words what is another: with both values where they are short."""
-    short = isinstance(now[name], str | float | int)
-    return f"{name} ({before.get(name)}, not {now[name]})" if short else name
