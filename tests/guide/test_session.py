@@ -226,10 +226,27 @@ def test_broken_trials_are_left_out(finished):
         folder.mkdir()
         (folder / records.TRIAL).write_text(text)
     (trial,) = agents.find(finished.parent)
-    assert trial.name == finished.name and trial.label.startswith("vpg, seed 0, noise 0.5, score ")
+    assert trial.name == finished.name and trial.label.startswith("vpg, 128 steps, seed 0, noise 0.5, score ")
     evaluations = records.load(finished)
     last = evaluations[(evaluations["checkpoint"] == 128) & evaluations["deterministic"]]
     assert trial.score == pytest.approx(last["normalized_score"].mean())
+
+
+def test_trials_that_would_look_alike_are_told_apart(finished, tmp_path):
+    runs, names = tmp_path / "runs", ("first", "second", "shorter", "broken-off")
+    for name in names:
+        shutil.copytree(finished, runs / name)
+    state = read_state(finished)
+    write_state(runs / "shorter", {**state, "config": {**state["config"], "steps": 64}})
+    write_state(runs / "broken-off", {**state, "status": "interrupted"})
+    shown = {one["name"]: one["label"] for one in Session(runs, seed=0).state()["agents"]}
+    score = agents.known(finished).label.rpartition(", ")[2]
+    assert [shown[name] for name in names] == [
+        f"vpg, 128 steps, seed 0, noise 0.5, {score} (first)",
+        f"vpg, 128 steps, seed 0, noise 0.5, {score} (second)",
+        f"vpg, 64 steps, seed 0, noise 0.5, {score}",
+        f"vpg, 128 steps, seed 0, noise 0.5, interrupted, {score}",
+    ]
 
 
 def test_best_agent_is_of_the_task_and_rather_of_the_noise(tmp_path):

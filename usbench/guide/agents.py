@@ -1,7 +1,8 @@
 """The agents that a guide can ask: trials that are found in folders, and the exact optimum."""
 
 import json
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -45,14 +46,14 @@ class Known:
     Attributes:
         folder: Of the trial.
         setting: What the agent met in training.
-        label: What the page calls it.
+        title: Algorithm, steps, seed and noise in words; how its training stands, if that is not finished.
         score: Normalised score of its last evaluation with greedy actions; None if there is none.
         is_taught: Whether it was told the truth while it learned.
     """
 
     folder: Path
     setting: Setting
-    label: str
+    title: str
     score: float | None
     is_taught: bool = False
 
@@ -70,6 +71,20 @@ class Known:
     def task(self) -> str:
         """The task on which the agent was trained."""
         return self.setting.task
+
+    @property
+    def label(self) -> str:
+        """Its title and its score in words."""
+        return self.title + ("" if self.score is None else f", score {number(self.score, 2)}")
+
+
+def labels(trials: Collection[Known]) -> dict[str, str]:
+    """Return what the page calls each trial, by name; that name is told where another has the same title."""
+    like = Counter((trial.task, trial.title) for trial in trials)
+    return {
+        trial.name: trial.label + (f" ({trial.name})" if like[trial.task, trial.title] > 1 else "")
+        for trial in trials
+    }
 
 
 def find(runs: Path) -> list[Known]:
@@ -146,11 +161,11 @@ def _known(folder: Path) -> Known | None:
             return None
         setting = Setting.recorded(config)
         own = f"{released.name_of(folder)}: " if folder.parent == released.FOLDER else ""
-        label = f"{own}{config.algo}, seed {config.seed}, noise {config.noise:g}"
+        title = f"{own}{config.algo}, {config.steps} steps, seed {config.seed}, noise {config.noise:g}"
     except (*UNREADABLE, TypeError, KeyError, ArithmeticError, OSError):
         return None
-    label += "" if score is None else f", score {number(score, 2)}"
-    return Known(folder, setting, label, score, taught(config.algo) != "")
+    title += "" if trial.status == "finished" else f", {trial.status}"
+    return Known(folder, setting, title, score, taught(config.algo) != "")
 
 
 def _score(trial: Trial) -> float | None:
