@@ -144,8 +144,24 @@ def test_an_agent_that_learns_after_whole_episodes_keeps_the_budget(here):
 
 def test_a_model_that_is_not_stable_baselines_is_not_opened(here):
     assert cli.main(["run", "--algo", "mine:Counter", *SHORT]) == 0
-    with pytest.raises(records.ConfigurationError, match="a model of mine:Counter cannot be opened safely"):
+    said = "a model of mine:Counter cannot be opened safely: .*; open it with the code that saved it"
+    with pytest.raises(records.ConfigurationError, match=said):
         load_agent(the_trial(here), algo="mine:Counter")
+
+
+def test_a_trial_of_a_class_from_outside_is_watched_without_advice_and_not_guided(here, capsys):
+    assert cli.main(["run", "--algo", "mine:Counter", *SHORT]) == 0
+    trial, sys.modules["mine"] = str(the_trial(here)), None  # importing it raises an error
+    capsys.readouterr()
+    assert cli.main(["watch", trial]) == 0
+    shown = capsys.readouterr()
+    why = (
+        "asking the agent would run the code of 'mine:Counter', which is not of this package; what it did is"
+    )
+    assert shown.err.startswith(f"without advice: {why} shown") and "greedy" in shown.out
+    assert cli.main(["guide", trial, "--no-browser"]) == 2
+    shown = capsys.readouterr()
+    assert shown.out == "" and "cannot advise: asking it would run the code of 'mine:Counter'" in shown.err
 
 
 @pytest.mark.parametrize("need", ["teachers", "anchors"])

@@ -128,7 +128,7 @@ def _check(args: argparse.Namespace) -> None:
 
 
 def _trial(named: Path, task: str | None) -> Trial:
-    """Return the trial of an agent; refuse one of a task that is not shown, or not asked for."""
+    """Return the trial of an agent; refuse one that no guide asks, or of another task than is asked for."""
     from usbench.guide import guided
     from usbench.records import Trial, no_trial
 
@@ -140,6 +140,7 @@ def _trial(named: Path, task: str | None) -> Trial:
     except ValueError as error:
         raise ConfigurationError(str(error)) from error
     guided.check_shown(str(named), trial.config.task)
+    guided.check_code(str(named), trial.config.algo)
     if task is not None:
         guided.check_task_of_agent(str(named), trial.config.task, task)
     return trial

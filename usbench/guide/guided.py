@@ -28,6 +28,15 @@ def check_shown(name: str, own: str) -> None:
         )
 
 
+def check_code(name: str, algo: str) -> None:
+    """Raise ConfigurationError if asking the agent `name` would run code from outside the package."""
+    if ":" in algo:
+        raise ConfigurationError(
+            f"{name!r} cannot advise: asking it would run the code of {algo!r}, which is not of this "
+            "package; usbench watch shows the episodes that the trial has recorded."
+        )
+
+
 def check_task_of_agent(name: str, own: str, asked: str) -> None:
     """Raise ConfigurationError if the agent `name`, trained on the task `own`, is to advise on another."""
     if own != asked:

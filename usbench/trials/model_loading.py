@@ -90,7 +90,8 @@ def load_agent(path: str | Path, *, algo: str | None = None, task: str | None = 
     if zoo.entry(config.algo).learns:
         if not isinstance(agent, BaseAlgorithm):
             raise ConfigurationError(
-                f"a model of {config.algo} cannot be opened safely: it is not Stable-Baselines3's."
+                f"a model of {config.algo} cannot be opened safely: only models of Stable-Baselines3 are "
+                "read without running code in them; open it with the code that saved it."
             )
         _load_weights(agent, file, config)
     return Loaded(agent, config)
@@ -108,7 +109,7 @@ def _recorded(folder: Path, algo: str | None, task: str | None) -> TrialConfig:
         if foreign and ":" in config.algo and algo is None:
             raise ConfigurationError(
                 f"{path} names an algorithm outside this package, {config.algo!r}, whose code would run: "
-                f"usbench.load_agent(..., algo={config.algo!r}) opens it, if you trust it."
+                f"in Python, usbench.load_agent(..., algo={config.algo!r}) opens it, if you trust it."
             )
         hyperparameters = zoo.hyperparameters(config.algo, config.task, config.hyperparameters)
         check_seed(config.seed)

@@ -25,8 +25,8 @@ class Selection:
         setting: What its agent meets.
         episodes: Their records.
         actions: How the agent acted in them, "greedy" or "sampled".
-        ask: Asks the saved agent; None if it cannot be opened.
-        silence: Why it cannot be opened, in a sentence; empty if it can.
+        ask: Asks the saved agent; None if it cannot be asked.
+        silence: Why it cannot be asked, in a sentence; empty if it can.
     """
 
     trial: Trial
@@ -77,7 +77,7 @@ def choose(folder: Path, numbers: Sequence[Any] = (), *, sampled: bool = False) 
                 f"episode must be a whole number from 0 to {max(by_number)}, not {number!r}."
             )
     episodes = tuple(by_number[number] for number in numbers) or (replay.typical(evaluation),)
-    ask, silence = _open(folder)
+    ask, silence = _open(folder, trial.config.algo)
     return Selection(
         trial, Setting.recorded(trial.config), episodes, "sampled" if sampled else "greedy", ask, silence
     )
@@ -101,8 +101,13 @@ def _pages(selection: Selection) -> Iterator[Image.Image]:
         waiting.done()
 
 
-def _open(folder: Path) -> tuple[Ask | None, str]:
-    """Return how to ask the trial's agent, or why it cannot be opened."""
+def _open(folder: Path, algo: str) -> tuple[Ask | None, str]:
+    """Return how to ask the trial's agent, or why it cannot be asked."""
+    if ":" in algo:
+        return None, (
+            f"asking the agent would run the code of {algo!r}, which is not of this package; what it did is "
+            "shown as the trial has recorded it."
+        )
     # Here, since asking an agent takes torch.
     from usbench.trials.model_loading import load_agent
     from usbench.watch.advice import Adviser
