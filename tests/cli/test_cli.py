@@ -235,7 +235,7 @@ def test_a_second_argument_is_refused_with_what_the_command_takes(capsys, comman
 @pytest.mark.parametrize(
     ("argv", "takes"),
     [
-        (["cache", "foo"], "options alone (--debug, --clear)"),
+        (["cache", "foo"], "options alone (--debug, --files, --clear)"),
         (["defaults", "probe", "foo"], "one argument (KIND)"),
         (["plot", "mine", "--format", "png", "--out", "here", "foo"], "all of its arguments (RUNS) before"),
     ],
