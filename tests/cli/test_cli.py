@@ -328,6 +328,40 @@ def test_module_is_the_command():
     assert done.returncode == 0 and done.stdout.startswith("usbench 0.")
 
 
+@pytest.fixture
+def nobody():
+    """The end of a pipe whose reader has gone, as `head -1` does once it has its line."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    yield writer
+    os.close(writer)
+
+
+# Rich ends a command by itself; of a help, argparse drops what cannot be written.
+@pytest.mark.parametrize(
+    ("argv", "status"), [(["list"], 141), (["defaults", "probe"], 141), (["list", "--help"], 0)]
+)
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_a_closed_pipe_ends_a_command_without_a_word(nobody, argv, status, unbuffered):
+    run, env = [sys.executable, "-m", "usbench", *argv], os.environ | {"PYTHONUNBUFFERED": unbuffered}
+    done = subprocess.run(run, stdout=nobody, stderr=subprocess.PIPE, text=True, env=env)
+    assert (done.returncode, done.stderr) == (status, "")
+
+
+def test_an_error_that_nobody_reads_is_the_end_of_a_command(nobody):
+    run = [sys.executable, "-m", "usbench", "list", "nothing"]
+    assert subprocess.run(run, stdout=nobody, stderr=nobody).returncode == 141
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="a disk that is always full is one of Linux")
+def test_output_for_a_full_disk_is_one_sentence():
+    run, env = [sys.executable, "-m", "usbench", "list", "pp"], os.environ | {"PYTHONUNBUFFERED": ""}
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(run, stdout=full, stderr=subprocess.PIPE, text=True, env=env)
+    assert done.returncode == 1
+    assert done.stderr.startswith("usbench: error: ") and done.stderr.count("\n") == 1
+
+
 @pytest.mark.parametrize(("algo", "says"), [("ppo_asymmetric", True), ("double_dqn", True), ("ppo", False)])
 def test_list_says_which_agents_are_no_row_of_the_comparison(capsys, algo, says):
     assert cli.main(["list", algo]) == 0

@@ -31,7 +31,8 @@ from usbench.cli.arguments import REFUSED, Parser
 from usbench.cli.sharing import dataset, submit
 from usbench.words import in_one_line
 
-DONE, FAILED, INTERRUPTED = 0, 1, 130
+# As a shell tells of programs that end by SIGINT and by SIGPIPE: 128 and the signal's number.
+DONE, FAILED, INTERRUPTED, UNREAD = 0, 1, 130, 141
 # As `usbench --help` lists them.
 COMMANDS = (
     run,
@@ -90,7 +91,24 @@ def build_parser() -> tuple[Parser, Mapping[str, Parser]]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line `argv`; return 0 if done, 1 if it failed, 2 if refused, 130 if interrupted."""
+    """Run the command line `argv`; return 0 if done, 1 if it failed, 2 if refused, 130 if interrupted.
+
+    Where the reader of the output has gone (`usbench list | head -1`), nobody is left to be told: the command
+    ends without a word, and 141 is returned.
+    """
+    try:
+        return _run(argv)
+    except (BrokenPipeError, SystemExit) as error:
+        # Rich makes a SystemExit of the error.
+        if not isinstance(error, BrokenPipeError) and not isinstance(error.__context__, BrokenPipeError):
+            raise
+        return UNREAD
+    finally:
+        _drop_unwritten()
+
+
+def _run(argv: Sequence[str] | None) -> int:
+    """Run the command line `argv` and return its exit status; BrokenPipeError if nobody reads its output."""
     try:
         args = _parsed(argv)
     except SystemExit as exit_:
@@ -110,12 +128,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             sys.stderr.flush()
             os._exit(INTERRUPTED)
         return INTERRUPTED
-    except BrokenPipeError:
-        # The reader has gone (`usbench list | head`): nobody is left to be told.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return FAILED
     except Exception as error:
-        if args.debug:
+        if args.debug or isinstance(error, BrokenPipeError):
             raise
         from usbench.records import ConfigurationError, TrialError
 
@@ -125,6 +139,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         # Whoever names a folder or file that is not there is told so, as of any other wrong value.
         return REFUSED if isinstance(error, (ConfigurationError, FileNotFoundError)) else FAILED
     return DONE
+
+
+def _drop_unwritten() -> None:
+    """Let vanish what no stream takes any more: Python would try once more when it ends, and complain."""
+    for stream in filter(None, (sys.stdout, sys.stderr)):
+        try:
+            stream.flush()
+        except OSError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def _parsed(argv: Sequence[str] | None) -> argparse.Namespace:
