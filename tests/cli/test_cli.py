@@ -77,6 +77,26 @@ def test_output_folder_that_cannot_be_written_is_refused(capsys, tmp_path, quick
     assert "choose another folder" in refusal(capsys, *RUN, "--out", str(tmp_path / "file" / "below"))
 
 
+@pytest.mark.skipif(not os.path.exists("/proc/self"), reason="a folder that takes no file is one of Linux")
+@pytest.mark.parametrize(
+    "argv",
+    [
+        [*RUN, "--out", "/proc"],
+        ["frame", "--out", "/proc/frame.png"],
+        ["watch", "best:pp", "--out", "/proc/film.gif"],
+        ["plot", "published", "--out", "/proc/figures"],
+    ],
+)
+def test_a_folder_that_takes_no_file_is_named_with_what_is_wrong(capsys, argv):
+    assert cli.main(argv) == 2
+    *_, said = capsys.readouterr().err.splitlines()
+    assert re.fullmatch(
+        r"usbench: error: the (output )?folder '/proc(/figures)?' cannot be written "
+        r"\(No such file or directory\): choose another folder\.",
+        said,
+    )
+
+
 @pytest.mark.parametrize("command", ["leaderboard", "compare", "transfer"])
 def test_a_folder_is_no_file_of_a_leaderboard(capsys, tmp_path, command):
     for folder in (".", str(tmp_path)):
@@ -168,6 +188,9 @@ def test_failure_while_running_is_one_sentence_and_status_1(capsys, tmp_path, qu
         (MemoryError(), "MemoryError"),
         (KeyError("gamma"), "KeyError: 'gamma'"),
         (ValueError("two\nlines"), "two lines"),
+        (OSError(28, "No space left on device"), "reading or writing failed (No space left on device)."),
+        (OSError(13, "Not allowed", "a"), "'a' cannot be read or written (Not allowed)."),
+        (OSError("this build cannot"), "this build cannot"),
     ],
 )
 def test_an_error_that_says_too_little_is_told_with_its_kind(capsys, monkeypatch, error, said):

@@ -1,5 +1,6 @@
 """usbench plot: figures from any set of trials, each counted once."""
 
+import re
 import shutil
 
 import pytest
@@ -7,7 +8,7 @@ from made_tables import made, seeds
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from state_files import read_state, write_state
 
-from usbench import cli
+from usbench import cli, records
 from usbench.figures import comparison, plots, style
 from usbench.records import ConfigurationError
 from usbench.results import sources, tables
@@ -65,9 +66,21 @@ def test_a_damaged_trial_is_left_out_and_the_others_are_drawn(finished, tmp_path
     assert f"left out: {broken}" in shown.err
 
 
-def test_a_folder_that_cannot_be_written_is_refused_before_the_work(tmp_path, monkeypatch):
-    monkeypatch.setattr(style.os, "access", lambda *_: False)
-    with pytest.raises(ConfigurationError, match="cannot be written: choose another"):
+def test_a_folder_that_cannot_be_written_is_refused_before_the_work(finished, tmp_path, monkeypatch):
+    def refuse(**_):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(records.folder.tempfile, "TemporaryFile", refuse)
+    said = f"the folder '{tmp_path}' cannot be written (Permission denied): choose another folder."
+    with pytest.raises(ConfigurationError, match=re.escape(said)):
+        style.check_file(tmp_path / "report.html", [".html"])
+    with pytest.raises(ConfigurationError, match=re.escape(said)):
+        plots.write([finished], tmp_path)
+
+
+def test_a_folder_is_no_file_to_write(tmp_path):
+    (tmp_path / "report.html").mkdir()
+    with pytest.raises(ConfigurationError, match="report.html', which is a folder: choose another name"):
         style.check_file(tmp_path / "report.html", [".html"])
 
 
@@ -108,4 +121,7 @@ def test_what_cannot_be_drawn_is_refused(tmp_path, monkeypatch, capsys, argv, sa
 def test_folder_that_cannot_be_made_is_refused(finished, tmp_path, capsys):
     (tmp_path / "file").write_text("")
     assert cli.main(["plot", str(finished), "--out", str(tmp_path / "file")]) == 2
-    assert "cannot be made" in capsys.readouterr().err
+    assert f"'{tmp_path / 'file'}' is a file): choose another folder." in capsys.readouterr().err
+    name = "n" * 300
+    assert cli.main(["plot", str(finished), "--out", str(tmp_path / name)]) == 2
+    assert "cannot be written (File name too long): choose another folder." in capsys.readouterr().err

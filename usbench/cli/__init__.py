@@ -135,10 +135,20 @@ def _run(argv: Sequence[str] | None) -> int:
 
         # As may be in the code of one's own algorithm.
         where = " (--debug shows where)" if isinstance(error, TrialError) else ""
-        print(f"usbench: error: {in_one_line(error)}{where}", file=sys.stderr)
+        print(f"usbench: error: {_sentence(error)}{where}", file=sys.stderr)
         # Whoever names a folder or file that is not there is told so, as of any other wrong value.
         return REFUSED if isinstance(error, (ConfigurationError, FileNotFoundError)) else FAILED
     return DONE
+
+
+def _sentence(error: Exception) -> str:
+    """Return what an error says in one line; of one of the operating system the file, too, not its number."""
+    if not isinstance(error, OSError) or error.strerror is None:
+        return in_one_line(error)
+    what = "reading or writing failed"
+    if error.filename is not None:
+        what = f"{os.fsdecode(error.filename)!r} cannot be read or written"
+    return f"{what} ({error.strerror})."
 
 
 def _drop_unwritten() -> None:

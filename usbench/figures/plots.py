@@ -27,7 +27,7 @@ def write(
         damaged: Told of each trial whose record is broken, which is then left out; without it, an error.
 
     Raises:
-        ConfigurationError: If there is nothing to draw, a format is unknown or `out` cannot be a folder.
+        ConfigurationError: If there is nothing to draw, a format is unknown or `out` cannot be written.
     """
     for kind in formats:
         if kind not in style.FORMATS:
@@ -42,12 +42,11 @@ def write(
         raise ConfigurationError(
             f"there is no finished trial to draw in {', '.join(repr(str(path)) for path in paths)}."
         )
+    records.check_writable(out, "folder")
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise ConfigurationError(
-            f"the folder {str(out)!r} cannot be made ({error.strerror}): choose another."
-        ) from error
+        raise records.unwritable(out, error, "folder") from error
     curves = [
         style.save(learning_curve.draw(trial), out / f"learning_curve_{trial.name}.{kind}")
         for trial in single

@@ -1,6 +1,5 @@
 """What all figures share: size, text, legend, and how they are saved: same numbers, same bytes."""
 
-import os
 import textwrap
 from collections.abc import Sequence
 from functools import partial
@@ -13,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.textpath import TextPath
 
 from usbench.atomic import atomic_file
-from usbench.records import ConfigurationError
+from usbench.records import ConfigurationError, check_writable
 
 FORMATS = ("png", "svg", "pdf")
 # CSS pixels of the column in which pages and hosting sites show a figure, and the inches for which one is
@@ -85,14 +84,16 @@ def check_file(path: Path, endings: Sequence[str]) -> Path:
     """Return `path` if a file with one of `endings` can be written there.
 
     Raises:
-        ConfigurationError: If it has another ending, or its folder does not exist or cannot be written.
+        ConfigurationError: If it has another ending or is a folder, or its folder does not exist or cannot be
+            written.
     """
     if path.suffix not in endings:
         raise ConfigurationError(f"the file must end with one of {', '.join(endings)}, not {path.name!r}.")
-    if not path.parent.is_dir() or path.is_dir():
+    if path.is_dir():
+        raise ConfigurationError(f"the file cannot be {str(path)!r}, which is a folder: choose another name.")
+    if not path.parent.is_dir():
         raise ConfigurationError(f"the file must be in a folder that exists, not {str(path)!r}.")
-    if not os.access(path.parent, os.W_OK):
-        raise ConfigurationError(f"the folder {str(path.parent)!r} cannot be written: choose another.")
+    check_writable(path.parent, "folder")
     return path
 
 
