@@ -8,8 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from state_files import read_state, write_state
 
-from usbench import records, suite, tasks
+from usbench import cli, records, suite, tasks
 
 MODULE = """
 from dataclasses import replace
@@ -150,6 +151,28 @@ def test_it_is_trained_evaluated_and_read_back_like_any_other(installed, tmp_pat
     (trial,) = records.load_trials(tmp_path / "runs")
     assert trial.status == "finished" and trial.config.environment["id"] == "other/Upright-v0"
     assert "upright" in command(tmp_path, "list", start=("-m", "usbench")).stdout
+
+
+@pytest.mark.parametrize(
+    "argv",
+    [
+        ["watch", "{trial}"],
+        ["report", "{runs}"],
+        ["leaderboard", "--runs", "{runs}", "--leaderboard", "{runs}/leaderboard.md"],
+        ["guide", "{trial}", "--no-browser"],
+    ],
+)
+def test_a_trial_whose_package_is_gone_is_refused_with_its_task(finished, capsys, argv):
+    state = read_state(finished)
+    state["config"]["task"] = "upright"
+    write_state(finished, state)
+    words = {"trial": finished, "runs": finished.parent}
+    assert cli.main([word.format(**words) for word in argv]) == 2
+    captured = capsys.readouterr()
+    *_, said = captured.err.splitlines()
+    assert said.startswith("usbench: error: ")
+    assert said.endswith("unknown task 'upright': no installed package brings it.")
+    assert "http" not in captured.out
 
 
 def test_a_broken_package_ends_the_command_with_status_2(installed, tmp_path):

@@ -98,8 +98,9 @@ class Setting:
         The file of a custom anatomy is read when a frame is made that is not kept.
 
         Raises:
-            ConfigurationError: If the record cannot be one.
+            ConfigurationError: If the record cannot be one, or its task is not installed.
         """
+        suite.check_installed(config.task)
         environment = config.environment
         try:
             found = cls(

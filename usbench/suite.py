@@ -15,13 +15,21 @@ from usbench.envs.pose import Move, Pose
 from usbench.envs.task import Task as GuidanceTask
 from usbench.envs.tasks.random_phantoms import FIRST_HELD_OUT
 from usbench.registration import register_row
-from usbench.tasks import PAPER, Row, rows
+from usbench.tasks import PAPER, Row, check_installed, rows
 from usbench.words import in_one_line
 
 # Evaluation seeds have 64 bits and training seeds 32 (SB3's `seed`): the two never meet.
 EVALUATION_ENTROPY = 20_190_000
 
-__all__ = ["PAPER", "TASKS", "EvaluationEpisode", "Task", "evaluation_episodes", "evaluation_points"]
+__all__ = [
+    "PAPER",
+    "TASKS",
+    "EvaluationEpisode",
+    "Task",
+    "check_installed",
+    "evaluation_episodes",
+    "evaluation_points",
+]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -181,6 +181,16 @@ def row_of(task: str) -> Row:
     return found[task]
 
 
+def check_installed(task: str) -> None:
+    """Check the task that a trial has recorded.
+
+    Raises:
+        ConfigurationError: If there is none of that name, as where the package that brought it is gone.
+    """
+    if task not in rows():
+        raise ConfigurationError(f"unknown task {task!r}: no installed package brings it.")
+
+
 def _load(point: EntryPoint) -> Row:
     try:
         row = point.load()

@@ -22,7 +22,8 @@ def check_task(task: Any, allowed: Collection[str] = GUIDED) -> None:
 
 def check_shown(name: str, own: str) -> None:
     """Raise ConfigurationError if the agent `name`, trained on the task `own`, has no task of a guide."""
-    if own in suite.TASKS and own not in GUIDED:
+    suite.check_installed(own)
+    if own not in GUIDED:
         raise ConfigurationError(
             f"{name!r} is of the task {own!r}: the guide shows only tasks that move the probe."
         )

@@ -22,7 +22,7 @@ from usbench.atomic import atomic_file
 from usbench.records import EXPLORATION, ConfigurationError, Trial, TrialConfig
 from usbench.records.journal import UNREADABLE
 from usbench.records.trial import Status
-from usbench.tasks import row_of
+from usbench.tasks import check_installed, row_of
 from usbench.words import in_one_line
 
 TRIALS, CURVES = "trials.csv", "curves.csv"
@@ -151,8 +151,8 @@ def _found(folder: Path) -> Trial | None:
     trial = Trial.find(folder)
     if trial is not None:
         try:
-            row_of(trial.config.task)
-        except ValueError as error:
+            check_installed(trial.config.task)
+        except ConfigurationError as error:
             raise ConfigurationError(f"the trial {str(folder)!r} cannot be shown: {error}") from error
     return trial
 
