@@ -21,9 +21,12 @@ def load(place: str) -> object:
     Raises:
         ValueError: `place` has another form, or the module cannot be imported, or has no such name.
     """
-    if not _PLACE.fullmatch(place):
-        raise ValueError(f"an algorithm outside this package is named module:name, not {place!r}.")
-    module, name = place.split(":")
+    module, _, name = place.partition(":")
+    if not _PLACE.fullmatch(place) or module.endswith(".py"):
+        raise ValueError(
+            "an algorithm outside this package is named module:name, as mine:Counter in mine.py, "
+            f"not {place!r}."
+        )
     try:
         return getattr(importlib.import_module(module), name)
     except Exception as error:  # whatever a stranger's module does while it is imported

@@ -83,7 +83,7 @@ def entry(algo: str) -> Entry:
         return _with_network(plain, network)
     registered = plugins.registered()
     place = registered.get(algo, algo)
-    if ":" in place:
+    if ":" in place or "/" in place or place.endswith(".py"):
         found = plugins.load(place)
         return found if isinstance(found, Entry) else _row(place, found)
     raise unknown("algorithm", algo, [*ZOO, *registered])

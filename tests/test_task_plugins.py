@@ -1,6 +1,7 @@
 """Tasks of other packages, found by their entry point: trained like any other, or refused in one sentence."""
 
 import os
+import re
 import subprocess
 import sys
 import textwrap
@@ -11,6 +12,9 @@ import pytest
 from state_files import read_state, write_state
 
 from usbench import cli, records, suite, tasks
+from usbench.setting import Setting
+
+PAGE = Path(__file__).parents[1] / "docs" / "extending.md"
 
 MODULE = """
 from dataclasses import replace
@@ -73,6 +77,31 @@ def test_a_package_whose_task_cannot_be_used_is_refused(installed, points, messa
     with pytest.raises(records.ConfigurationError) as refused:
         tasks.rows()
     assert message in str(refused.value) and "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("place", ["my_task.py", "./my_task.py", "my_task:Env", "my_task.Env", "mine/Env-v0"])
+def test_a_file_or_class_in_place_of_a_task_is_told_what_names_a_task(place):
+    with pytest.raises(records.ConfigurationError) as refused:
+        Setting(task=place)
+    told = str(refused.value)
+    assert told.startswith(f"unknown task {place!r}") and ": allowed are 'fp', " in told
+    said = (
+        "; a task of your own is named by an entry point of the group 'usbench.tasks' in an installed package"
+    )
+    assert told.endswith(f"{said}, not by its file or class (docs/extending.md).")
+
+
+def test_a_gymnasium_id_in_place_of_a_task_is_told_the_task():
+    said = "'usbench/ProbePlane-v0' is the Gymnasium id of the task 'pp': give that name."
+    with pytest.raises(records.ConfigurationError, match=re.escape(said)):
+        Setting(task="usbench/ProbePlane-v0")
+
+
+def test_the_pages_task_is_one(installed):
+    (module,) = re.findall(r"```python\n# upright.py\n(.*?)```", PAGE.read_text(), re.DOTALL)
+    installed("upright = other_tasks:UPRIGHT", module=module.replace('"upright:', '"other_tasks:'))
+    row = tasks.row_of("upright")
+    assert {start.angle_deg for start in suite.guidance_of("upright", row).starts} == {45}
 
 
 @pytest.mark.parametrize("count", [{"checkpoints": 0}, {"n_steps": 0}, {"repeats": -1}, {"phantoms": -1}])

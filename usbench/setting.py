@@ -18,7 +18,7 @@ from gymnasium.vector import AutoresetMode
 
 from usbench import anatomy_record, suite
 from usbench.anchors import Anchors
-from usbench.checks import as_configuration_error, probability, unknown, whole_number
+from usbench.checks import as_configuration_error, probability, whole_number
 from usbench.envs import oracle
 from usbench.envs.anatomy import Anatomy
 from usbench.envs.bmode import Imaging
@@ -78,7 +78,7 @@ class Setting:
         """Hold the values in their own types, or refuse them."""
         with as_configuration_error():
             if not isinstance(self.task, str) or self.task not in suite.TASKS:
-                raise unknown("task", self.task, suite.TASKS)
+                raise suite.unknown_task(self.task)
             object.__setattr__(self, "noise", probability("noise", self.noise))
             object.__setattr__(self, "n_frames", whole_number("n_frames", self.n_frames, 1, MAX_FRAMES))
             check_reward(self.reward, self.guidance, TRAINED_ON)

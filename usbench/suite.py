@@ -1,7 +1,7 @@
 """The tasks of the benchmark, and what follows from their rows: environments, episodes, evaluation points."""
 
 import reprlib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass
 from types import MappingProxyType
 from typing import Any
@@ -15,7 +15,7 @@ from usbench.envs.pose import Move, Pose
 from usbench.envs.task import Task as GuidanceTask
 from usbench.envs.tasks.random_phantoms import FIRST_HELD_OUT
 from usbench.registration import register_row
-from usbench.tasks import PAPER, Row, check_installed, rows
+from usbench.tasks import GROUP, PAPER, Row, check_installed, rows
 from usbench.words import in_one_line
 
 # Evaluation seeds have 64 bits and training seeds 32 (SB3's `seed`): the two never meet.
@@ -111,6 +111,19 @@ TASKS: Mapping[str, Task] = MappingProxyType(
 )
 
 
+def unknown_task(task: object, allowed: Collection[str] = TASKS) -> ValueError:
+    """Return the error for a `task` that is not one of `allowed`; where it is a place, what names a task."""
+    error = unknown("task", task, allowed)
+    if not isinstance(task, str) or not set(task) & set(".:/"):
+        return error
+    if known := [name for name in allowed if TASKS[name].env_id == task]:
+        return ValueError(f"{task!r} is the Gymnasium id of the task {known[0]!r}: give that name.")
+    return ValueError(
+        f"{str(error).removesuffix('.')}; a task of your own is named by an entry point of the group "
+        f"{GROUP!r} in an installed package, not by its file or class (docs/extending.md)."
+    )
+
+
 def name_of(env_id: object, task: str) -> str:
     """Return the name of the version of `task` whose environment is `env_id`, or `task` where none is.
 
@@ -123,7 +136,7 @@ def name_of(env_id: object, task: str) -> str:
 def evaluation_episodes(task: str) -> tuple[EvaluationEpisode, ...]:
     """Return the fixed evaluation list of a task: its starts, `repeats` times, with phantoms taking turns."""
     if task not in TASKS:
-        raise unknown("task", task, TASKS)
+        raise unknown_task(task)
     row = TASKS[task]
     known = row.guidance.starts
     if row.drawn_starts:

@@ -170,7 +170,7 @@ def _check(content: _Content) -> None:
     of_extras = [name for extra in extras for name in extra.tasks or ()]
     for name in (*search.tasks, *comparison.tasks, *of_extras):
         if name not in suite.TASKS:
-            raise unknown("task", name, suite.TASKS)
+            raise suite.unknown_task(name)
     for name in search.tasks:
         if suite.TASKS[name].phantoms:
             single = [other for other, row in suite.TASKS.items() if not row.phantoms]

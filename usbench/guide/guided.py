@@ -4,7 +4,7 @@ from collections.abc import Collection
 from typing import Any
 
 from usbench import suite
-from usbench.checks import ConfigurationError, unknown
+from usbench.checks import ConfigurationError
 
 GUIDED = tuple(name for name, task in suite.TASKS.items() if task.is_guided)
 
@@ -17,7 +17,7 @@ def check_task(task: Any, allowed: Collection[str] = GUIDED) -> None:
             f"{', '.join(map(repr, allowed))}."
         )
     if not isinstance(task, str) or task not in allowed:
-        raise ConfigurationError(str(unknown("task", task, allowed)))
+        raise ConfigurationError(str(suite.unknown_task(task, allowed)))
 
 
 def check_shown(name: str, own: str) -> None:
