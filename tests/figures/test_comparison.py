@@ -264,11 +264,11 @@ def test_scores_begin_at_0_and_what_lies_below_is_marked_with_its_number():
 
 
 def below(axis):
-    """Return the triangles that stand for scores below 0."""
-    return [line for line in axis.lines if line.get_marker() == "v"]
+    """Return the arrows that stand for scores below 0."""
+    return [line for line in axis.lines if line.get_marker() == score_axis.DOWN]
 
 
-def test_triangles_that_would_cover_each_other_are_a_square_with_their_number():
+def test_arrows_that_would_cover_each_other_are_a_square_with_their_number():
     # At the end vpg alone lies below 0; at half of the budget all do.
     scores_of = {"a2c": (-0.5, 0.1), "ppo": (-0.4, 0.2), "vpg": (-0.3, -0.1)}
     figure = style.panels(1, 1)[0]

@@ -12,6 +12,7 @@ from made_tables import made, seeds
 from usbench import cli
 from usbench.checks import ConfigurationError
 from usbench.compare import protocol
+from usbench.figures import score_axis
 from usbench.figures import tuning as drawn
 from usbench.results import leaderboard, tables
 from usbench.results.protocol import tuning
@@ -204,7 +205,7 @@ def test_scores_of_the_figure_begin_at_0_and_the_lowest_below_has_its_number(tmp
     assert [text.get_text() for text in spread.texts] == ["-0.70"]
     (circles,) = [line for line in spread.lines if line.get_marker() == "o"]
     assert list(circles.get_xdata()) == pytest.approx([0.1])
-    marks = [line for line in best.lines if line.get_marker() == "v"]
+    marks = [line for line in best.lines if line.get_marker() == score_axis.DOWN]
     assert [line.get_xdata()[0] for line in marks] == [1, 2]  # -0.91 / 3, (-0.31 + 2 * 0.1) / 3
 
 

@@ -120,7 +120,7 @@ def final_scores(known: Results) -> Figure | None:
     _line_legend(figure, list(panels), table)
     figure.suptitle(
         "IQM over seeds with 95 % bootstrap interval; circles are single seeds,\n"
-        "a triangle and a number stand for what lies below 0",
+        "an arrow and a number stand for what lies below 0",
         fontsize=style.TEXT,
     )
     return figure
@@ -166,7 +166,7 @@ def learning_curves(known: Results, table: pd.DataFrame, over: str = "step") -> 
     _line_legend(figure, list(panels), final, {agent: handles[agent] for agent in ranked})
     figure.suptitle(
         f"{SCORED} actions: IQM over seeds with 95 % bootstrap band;\n"
-        "a triangle stands for a score below 0, a grey square for those of several agents, with their number",
+        "an arrow stands for a score below 0, a grey square for those of several agents, with their number",
         fontsize=style.TEXT,
     )
     return figure

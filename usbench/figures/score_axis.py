@@ -10,22 +10,26 @@ from usbench.figures import style
 
 # Beyond the optimum's 1, so that its marks are whole.
 HIGHEST = 1.06
-# Of the axis; where the marks of what lies below 0 stand.
+# Of the axis; where the circles of what lies below 0 stand.
 CLIPPED_AT = 0.015
-# Of what curves are drawn over; nearer triangles would cover each other.
+# Of what curves are drawn over; nearer arrows would cover each other.
 NEAREST = 0.03
+# The corners of an arrow whose tip is at the place that it marks: no agent's marker is one.
+DOWN = ((0, 0), (0.5, 0.55), (0.17, 0.55), (0.17, 1), (-0.17, 1), (-0.17, 0.55), (-0.5, 0.55), (0, 0))
+LEFT = tuple((y, x) for x, y in DOWN)
+ARROW = {"markersize": 14, "markeredgecolor": "white", "markeredgewidth": 0.5, "zorder": 4}
 # The colour of no agent: of the mark of several.
 SEVERAL = "0.35"
 
 
 def mark_lowest(axis: Any, height: float, lowest: float, color: str) -> None:
-    """Mark the lowest score of a row with a triangle and its number if it lies below 0."""
+    """Mark the lowest score of a row with an arrow and its number if it lies below 0."""
     if lowest < 0:
-        axis.plot(CLIPPED_AT, height, "<", color=color, markersize=5)
+        axis.plot(0, height, marker=LEFT, color=color, **ARROW)
         axis.annotate(
             f"{lowest:.2f}",
-            (CLIPPED_AT, height),
-            (5, 2.5),
+            (0, height),
+            (7, 2.5),
             textcoords="offset points",
             fontsize=style.SMALL,
             va="bottom",
@@ -33,9 +37,9 @@ def mark_lowest(axis: Any, height: float, lowest: float, color: str) -> None:
 
 
 def mark_below(axis: Any, curves: Iterable[tuple[ArrayLike, ArrayLike, str]]) -> None:
-    """Mark the scores of curves that lie below 0 with triangles on the axis.
+    """Mark the scores of curves that lie below 0 with arrows on the axis.
 
-    A triangle has the colour of its curve. Where those of several curves would cover each other, a grey
+    An arrow has the colour of its curve. Where those of several curves would cover each other, a grey
     square with their number stands for them: neither its colour nor its shape is an agent's.
 
     Args:
@@ -51,7 +55,7 @@ def mark_below(axis: Any, curves: Iterable[tuple[ArrayLike, ArrayLike, str]]) ->
         numbers = {number for _, number in group}
         place = float(np.mean([at for at, _ in group]))
         if len(numbers) == 1:
-            axis.plot(place, CLIPPED_AT, "v", color=known[group[0][1]][2], markersize=4, zorder=4)
+            axis.plot(place, 0, marker=DOWN, color=known[group[0][1]][2], **ARROW)
         else:
             _mark_several(axis, place, len(numbers))
 

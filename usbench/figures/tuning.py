@@ -52,8 +52,7 @@ def draw(known: pd.DataFrame) -> Figure | None:
     spread.set_xlim(0, score_axis.HIGHEST)
     spread.set_xlabel("score of a candidate in the first rung")
     spread.set_title(
-        "circles: candidates; bar: quartiles and median;\n"
-        "a triangle and a number: the lowest of those below 0",
+        "circles: candidates; bar: quartiles and median;\nan arrow and a number: the lowest of those below 0",
         fontsize=style.TEXT,
     )
     best.set_ylim(0, score_axis.HIGHEST)
@@ -61,7 +60,7 @@ def draw(known: pd.DataFrame) -> Figure | None:
     best.set_ylabel("expected best score")
     best.set_title(
         f"best of n, 95 % bootstrap band up to {tuning.LAST_WITH_INTERVAL};\n"
-        "a triangle: a score below 0; a grey square: several",
+        "an arrow: a score below 0; a grey square: several",
         fontsize=style.TEXT,
     )
     style.legend(figure, *best.get_legend_handles_labels())
