@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import abc
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
@@ -130,17 +129,14 @@ class Anatomy(abc.ABC):
         """
 
 
-# Not the volume itself in an anatomy, so that a pickled one is its configuration.
-@lru_cache(maxsize=2)
-def _kept(path: str, digest: str) -> list[Volume]:
-    """Return the list that holds the volume of a file, once it has been read."""
-    return []
+# The last volumes that were read, by path and digest: not in an anatomy, whose pickle is its configuration.
+_kept: dict[tuple[str, str], Volume] = {}
+_N_KEPT = 2
 
 
 def _volume(path: str, digest: str) -> Volume:
-    kept = _kept(path, digest)
-    if kept:
-        return kept[0]
+    if (kept := _kept.get((path, digest))) is not None:
+        return kept
     volume = read(path)
     if volume.digest != digest:
         raise ValueError(
@@ -154,7 +150,9 @@ def _keep(path: str, volume: Volume) -> Volume:
     """Keep a volume for all anatomies of the file at `path`, its arrays read-only; return it."""
     for array in (volume.voxels, volume.spacing_mm, volume.origin_mm, volume.directions):
         array.flags.writeable = False
-    _kept(path, volume.digest)[:] = [volume]
+    _kept[path, volume.digest] = volume
+    for oldest in list(_kept)[:-_N_KEPT]:
+        _kept.pop(oldest, None)
     return volume
 
 

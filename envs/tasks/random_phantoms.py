@@ -133,14 +133,14 @@ def _sequence(name: str, values: Any) -> Iterable[Any]:
 def _digest(distribution: PhantomDistribution) -> str:
     assert distribution.count is not None
     drawn = [distribution.phantom(number) for number in range(min(distribution.count, DIGESTED))]
-    # Processors differ in the last digit of an exponential.
-    objects = [
-        [phantom.seed, asdict(own) | {"contrast": float(f"{own.contrast:.12g}")}]
-        for phantom in drawn
-        for own in [phantom.object_of_interest]
-    ]
-    text = json.dumps([asdict(distribution), objects], sort_keys=True)
+    text = json.dumps([asdict(distribution), [_told(phantom) for phantom in drawn]], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _told(phantom: Phantom) -> list[Any]:
+    """Return number and object of a phantom; processors differ in the last digit of the contrast."""
+    own = phantom.object_of_interest
+    return [phantom.seed, asdict(own) | {"contrast": float(f"{own.contrast:.12g}")}]
 
 
 class RandomPhantomEnv(GuidanceEnv):

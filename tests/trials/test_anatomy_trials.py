@@ -150,7 +150,7 @@ def test_watching_finds_the_volume_again_or_says_what_is_missing(trial, _made, c
     own = anatomy_record.recorded(read_state(trial)["config"]["environment"])
     gone = replace(own, path=str(made / "gone.mha"))
     monkeypatch.setattr(anatomy_record, "recorded", lambda _: gone)
-    tissue._kept.cache_clear()
+    tissue._kept.clear()
     assert cli.main(["watch", str(trial), "--episode", "0"]) == 0
     shutil.rmtree(made / "cache")
     fresh_stores(monkeypatch)

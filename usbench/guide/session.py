@@ -73,7 +73,6 @@ class Session:
         self.training, self.n_begun = QuickTraining(runs), 0
         self.agent, self.message, self.notice, self.hidden = ORACLE, "", "", False
         self._trials: dict[str, Known] = {}
-        self._labels: dict[str, str] = {}
         self._find()
         if self._given is None:
             self._choose_best(None if study is None else agent_of(runs, study))
@@ -166,7 +165,7 @@ class Session:
             self.choose(agent=now.folder.name)
             self.notice = f"Trained: {self._label()} advises from now on."
         else:
-            self.notice = f"Trained: {self._labels[now.folder.name]} can be chosen as the agent."
+            self.notice = f"Trained: {self._labels()[now.folder.name]} can be chosen as the agent."
 
     def choose(
         self, *, task: Any = None, noise: Any = None, agent: Any = None, hidden: bool | None = None
@@ -235,9 +234,9 @@ class Session:
 
     def _choices(self) -> dict[str, Any]:
         tasks = {name: suite.TASKS[name].guidance.title for name in self.tasks}
+        labels = self._labels()
         agents = [
-            {"name": name, "label": self._labels[name], "task": trial.task}
-            for name, trial in self._trials.items()
+            {"name": name, "label": labels[name], "task": trial.task} for name, trial in self._trials.items()
         ]
         return {
             "tasks": tasks,
@@ -258,7 +257,10 @@ class Session:
         }
 
     def _label(self) -> str:
-        return "the exact optimum" if self.agent == ORACLE else self._labels[self.agent]
+        return "the exact optimum" if self.agent == ORACLE else self._labels()[self.agent]
+
+    def _labels(self) -> dict[str, str]:
+        return guide_agents.labels(self._trials.values())
 
     def _untrained(self) -> str:
         """Return in a sentence why no agent of the task can be chosen; empty if one can."""
@@ -294,7 +296,6 @@ class Session:
         # The agent that advises stays, also if its folder is gone or cannot be read at this moment.
         kept = [one for one in (self._given, self._trials.get(self.agent)) if one is not None]
         self._trials = {trial.name: trial for trial in (*fitting, *kept)}
-        self._labels = guide_agents.labels(self._trials.values())
 
     def _choose_best(self, recorded: str | None = None) -> None:
         """Let the best agent of the task advise, or that which a study has recorded, or else the optimum."""

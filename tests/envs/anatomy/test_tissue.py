@@ -50,7 +50,7 @@ def test_a_file_that_changed_is_never_taken_for_what_it_was(tmp_path):
     write(path, np.full((90, 80, 80), 101, np.uint8))
     # This process has read it; another one would have to now.
     np.testing.assert_array_equal(recording.recorded_frame(Pose(), *SHAPE), before)
-    anatomy._kept.cache_clear()
+    anatomy._kept.clear()
     with pytest.raises(
         ValueError, match=r"image.mha' has been changed: its digest must be \w{16}, not \w{16}"
     ):
@@ -64,7 +64,7 @@ def test_a_file_that_changed_is_never_taken_for_what_it_was(tmp_path):
 def test_a_file_is_read_once(tissue_file, monkeypatch):
     files = []
     monkeypatch.setattr(anatomy, "read", lambda path: files.append(path) or read(path))
-    anatomy._kept.cache_clear()
+    anatomy._kept.clear()
     recording = Recording.read(tissue_file, target=Pose(5, 50, 30))
     recording.recorded_frame(Pose(), *SHAPE)
     assert dataclasses.replace(recording, target=Pose()).volume is recording.volume
