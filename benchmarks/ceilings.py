@@ -27,11 +27,11 @@ from usbench.envs.bmode import DEFAULT_IMAGING
 from usbench.envs.ceilings import beliefs, eyes, hypotheses, memoryless, teacher
 from usbench.envs.frames import frame_store
 from usbench.envs.probe import DEFAULT_ARRAY
+from usbench.envs.tasks.phantom_distribution import PhantomDistribution
 from usbench.envs.tasks.random_examination import ExaminationTrackedEnv
 from usbench.envs.tasks.random_phantoms import (
     PROBE_PLANE_RANDOM,
     FocalPointRandomEnv,
-    PhantomDistribution,
     ProbePlaneRandomEnv,
     ProbePlaneTrackedEnv,
     RandomPhantomEnv,

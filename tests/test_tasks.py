@@ -12,8 +12,9 @@ from usbench.agents import zoo
 from usbench.envs import oracle
 from usbench.envs.pose import Pose
 from usbench.envs.tasks.focal_point import FOCAL_POINT
+from usbench.envs.tasks.phantom_distribution import FIRST_HELD_OUT
 from usbench.envs.tasks.probe_plane import PROBE_PLANE
-from usbench.envs.tasks.random_phantoms import FIRST_HELD_OUT, PROBE_PLANE_RANDOM
+from usbench.envs.tasks.random_phantoms import PROBE_PLANE_RANDOM
 from usbench.figures import episode_ends
 from usbench.records import ConfigurationError
 from usbench.report import agents, poses

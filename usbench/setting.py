@@ -30,7 +30,7 @@ from usbench.envs.observation.wrappers import ImageStack, NormalizeImage
 from usbench.envs.pose import Pose
 from usbench.envs.probe import DEFAULT_ARRAY, LinearArray
 from usbench.envs.task import IMAGE, Task, check_reward
-from usbench.envs.tasks.random_phantoms import FIRST_HELD_OUT
+from usbench.envs.tasks.phantom_distribution import FIRST_HELD_OUT
 from usbench.envs.tissue import Tissue
 from usbench.envs.vector.wrappers import VectorImageStack, VectorNormalizeImage
 from usbench.records import MAX_FRAMES, ConfigurationError, Frames, TrialConfig

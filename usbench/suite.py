@@ -13,7 +13,7 @@ from usbench.checks import ConfigurationError, unknown
 from usbench.coordinates import POSE
 from usbench.envs.pose import Move, Pose
 from usbench.envs.task import Task as GuidanceTask
-from usbench.envs.tasks.random_phantoms import FIRST_HELD_OUT
+from usbench.envs.tasks.phantom_distribution import FIRST_HELD_OUT
 from usbench.registration import register_row
 from usbench.tasks import GROUP, PAPER, Row, check_installed, rows
 from usbench.words import in_one_line

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from usbench.envs.ceilings.hypotheses import Ints
 from usbench.envs.pose import Move, Pose
 from usbench.envs.task import Task
-from usbench.envs.tasks.random_phantoms import PhantomDistribution
+from usbench.envs.tasks.phantom_distribution import PhantomDistribution
 
 Floats = npt.NDArray[np.float64]
 

@@ -24,7 +24,7 @@ from usbench.envs.phantom import ObjectOfInterest
 from usbench.envs.pose import Move, Pose, cos_deg, sin_deg
 from usbench.envs.probe import DEFAULT_ARRAY
 from usbench.envs.task import Task
-from usbench.envs.tasks.random_phantoms import PhantomDistribution
+from usbench.envs.tasks.phantom_distribution import PhantomDistribution
 
 Ints = npt.NDArray[np.int64]
 Picture = npt.NDArray[np.float32]

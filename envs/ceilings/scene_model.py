@@ -16,7 +16,7 @@ from usbench.envs.ceilings import hypotheses
 from usbench.envs.ceilings.hypotheses import Hypotheses, Ints
 from usbench.envs.observation import senses as sensing
 from usbench.envs.task import Task
-from usbench.envs.tasks.random_phantoms import PhantomDistribution
+from usbench.envs.tasks.phantom_distribution import PhantomDistribution
 
 
 @dataclass(frozen=True, eq=False)

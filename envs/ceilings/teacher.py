@@ -27,7 +27,7 @@ from usbench.envs.ceilings.hypotheses import Hypotheses, Ints
 from usbench.envs.observation import senses as sensing
 from usbench.envs.pose import Pose
 from usbench.envs.task import Task
-from usbench.envs.tasks.random_phantoms import PhantomDistribution
+from usbench.envs.tasks.phantom_distribution import PhantomDistribution
 
 Infos = Sequence[Mapping[str, Any]]
 

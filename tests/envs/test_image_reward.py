@@ -10,8 +10,9 @@ from usbench.envs.oracle import policy
 from usbench.envs.pose import Pose
 from usbench.envs.scanner import scan
 from usbench.envs.tasks.examination import ExaminationStopEnv
+from usbench.envs.tasks.phantom_distribution import LAST
 from usbench.envs.tasks.probe_plane import PROBE_PLANE, ProbePlaneEnv
-from usbench.envs.tasks.random_phantoms import LAST, ProbePlaneRandomEnv
+from usbench.envs.tasks.random_phantoms import ProbePlaneRandomEnv
 
 
 def blob(x_px=19.5, z_px=45.0, height=200.0):

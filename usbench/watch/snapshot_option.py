@@ -15,7 +15,8 @@ from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Pose
 from usbench.envs.probe import DEFAULT_ARRAY, LinearArray
 from usbench.envs.settings import Setup, tuned
-from usbench.envs.tasks.random_phantoms import PhantomDistribution, RandomPhantomEnv, phantom_number
+from usbench.envs.tasks.phantom_distribution import PhantomDistribution, phantom_number
+from usbench.envs.tasks.random_phantoms import RandomPhantomEnv
 from usbench.envs.tissue import Tissue
 from usbench.records import ConfigurationError
 from usbench.tasks import PAPER, row_of, rows

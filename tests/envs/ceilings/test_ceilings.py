@@ -14,7 +14,8 @@ from usbench.envs.phantom import ObjectOfInterest, Phantom
 from usbench.envs.pose import Pose
 from usbench.envs.probe import DEFAULT_ARRAY
 from usbench.envs.tasks.examination import EXAMINATION
-from usbench.envs.tasks.random_phantoms import PROBE_PLANE_RANDOM, PhantomDistribution
+from usbench.envs.tasks.phantom_distribution import PhantomDistribution
+from usbench.envs.tasks.random_phantoms import PROBE_PLANE_RANDOM
 
 # Two places of the object and two planes, few poses, three steps: small enough for brute force.
 STATES = tuple(Pose(x, 50, angle) for x in (-20, -15, -10) for angle in range(0, 360, 15))

@@ -5,8 +5,8 @@ import pytest
 
 from usbench.envs.ceilings.depths import Depths, focus_held
 from usbench.envs.tasks.examination import EXAMINATION
+from usbench.envs.tasks.phantom_distribution import PhantomDistribution
 from usbench.envs.tasks.probe_plane import PROBE_PLANE
-from usbench.envs.tasks.random_phantoms import PhantomDistribution
 
 DRAWN = PhantomDistribution((0,), (35, 50, 65), (0,))
 DEPTHS = Depths.of(EXAMINATION, DRAWN)

@@ -7,7 +7,8 @@ from usbench.envs import oracle
 from usbench.envs.ceilings.scene_model import SceneModel
 from usbench.envs.pose import Pose
 from usbench.envs.tasks.examination import EXAMINATION
-from usbench.envs.tasks.random_phantoms import PROBE_PLANE_TRACKED, PhantomDistribution, ProbePlaneTrackedEnv
+from usbench.envs.tasks.phantom_distribution import PhantomDistribution
+from usbench.envs.tasks.random_phantoms import PROBE_PLANE_TRACKED, ProbePlaneTrackedEnv
 
 TRACKED = ("position", "heading")
 DRAWN = PhantomDistribution((-10, 0), (45, 50), tuple(range(0, 180, 30)))

@@ -12,11 +12,11 @@ from usbench.envs.ceilings.depths import focus_held
 from usbench.envs.ceilings.teacher import Teacher
 from usbench.envs.pose import Move, Pose
 from usbench.envs.tasks.examination import EXAMINATION
+from usbench.envs.tasks.phantom_distribution import PhantomDistribution
 from usbench.envs.tasks.random_phantoms import (
     FOCAL_POINT_RANDOM,
     PROBE_PLANE_RANDOM,
     PROBE_PLANE_TRACKED,
-    PhantomDistribution,
     ProbePlaneRandomEnv,
 )
 

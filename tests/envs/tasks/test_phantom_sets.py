@@ -10,8 +10,8 @@ from stored import fresh_stores
 import usbench  # noqa: F401, registers the environments
 from usbench.checks import ConfigurationError
 from usbench.envs import frames
-from usbench.envs.tasks import random_phantoms
-from usbench.envs.tasks.random_phantoms import FIRST_HELD_OUT, PhantomDistribution
+from usbench.envs.tasks import phantom_distribution
+from usbench.envs.tasks.phantom_distribution import FIRST_HELD_OUT, PhantomDistribution
 from usbench.setting import Setting
 from usbench.trials.configuration import resolve
 from usbench.trials.evaluation import Evaluator
@@ -66,7 +66,7 @@ def test_a_digest_tells_of_phantoms_that_are_drawn_otherwise(monkeypatch):
     before, drawn = phantoms.digest, PhantomDistribution.phantom
     monkeypatch.setattr(PhantomDistribution, "phantom", lambda self, seed: drawn(self, seed + 1))
     # Past what is kept of the digest.
-    assert random_phantoms._digest.__wrapped__(phantoms) != before
+    assert phantom_distribution._digest.__wrapped__(phantoms) != before
 
 
 def test_a_trial_of_another_set_is_refused():
