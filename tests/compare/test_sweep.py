@@ -19,7 +19,7 @@ from state_files import read_state
 
 from usbench import records
 from usbench.compare import expected, sweep
-from usbench.records.lock import lock_of
+from usbench.records.lock import is_held, lock_of
 from usbench.trials.configuration import resolve
 
 
@@ -91,10 +91,13 @@ def test_failed_trial_is_named_and_the_others_go_on(quick, tmp_path, monkeypatch
     assert "No space left" in outcomes[0].reason and outcomes[1].reason is None
 
 
-def test_what_another_process_runs_comes_after_the_rest(quick, tmp_path):
+@pytest.mark.parametrize("seen", [True, False], ids=["seen", "taken after the look"])
+def test_what_another_process_runs_comes_after_the_rest(quick, tmp_path, monkeypatch, seen):
     configs = plan("random", "stay")
     lock = lock_of(tmp_path / configs[0].folder_name)
     lock.acquire()
+    looks = iter([seen])
+    monkeypatch.setattr(sweep, "is_held", lambda place: next(looks, True) and is_held(place))
 
     class Releasing(Notes):
         def ended(self, outcome):

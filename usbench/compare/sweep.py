@@ -18,6 +18,8 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any, NoReturn, Protocol
 
+from filelock import Timeout
+
 from usbench.agents.zoo import entry
 from usbench.compare import expected
 from usbench.compare.expected import Expected
@@ -143,7 +145,7 @@ def _of_frames(config: TrialConfig) -> Setting:
 
 def _outcomes(
     configs: Sequence[TrialConfig],
-    working: Callable[[TrialConfig, Path], str | None],
+    working: Callable[..., str | None],
     out: Path,
     slots: list[Executor],
     executor: Callable[[], Executor],
@@ -156,13 +158,14 @@ def _outcomes(
     deaths: Counter[str] = Counter()
     while queue or running:
         while queue and free:
-            config, slot = _next(queue, out), free.popleft()
+            (config, is_others), slot = _next(queue, out), free.popleft()
+            submitted = partial(working, waits=is_others)
             try:
-                future = slots[slot].submit(working, config, out)
+                future = slots[slot].submit(submitted, config, out)
             except BrokenExecutor:  # it died between two trials
                 slots[slot].shutdown()
                 slots[slot] = executor()
-                future = slots[slot].submit(working, config, out)
+                future = slots[slot].submit(submitted, config, out)
             running[future] = config, slot
             future.add_done_callback(ended.put)
         future = ended.get()
@@ -179,15 +182,21 @@ def _outcomes(
                 queue.append(config)
                 continue
             reason = f"its process died {RETRIES + 1} times (killed, or out of memory)"
+        except Timeout:  # another process took it in the meantime
+            queue.append(config)
+            continue
         yield Outcome(config, reason)
 
 
-def _next(queue: deque[TrialConfig], out: Path) -> TrialConfig:
-    """Take the first trial that no other process runs, or the first of all where others run each of them."""
-    place = next((k for k, config in enumerate(queue) if not is_held(out / config.folder_name)), 0)
-    config = queue[place]
-    del queue[place]
-    return config
+def _next(queue: deque[TrialConfig], out: Path) -> tuple[TrialConfig, bool]:
+    """Take the first trial that no other process runs, or the first of all where others run each of them.
+
+    Return it, and whether another process runs it.
+    """
+    place = next((k for k, config in enumerate(queue) if not is_held(out / config.folder_name)), None)
+    config = queue[place or 0]
+    del queue[place or 0]
+    return config, place is None
 
 
 def work(config: TrialConfig, out: Path, **options: Any) -> str | None:
@@ -195,7 +204,7 @@ def work(config: TrialConfig, out: Path, **options: Any) -> str | None:
     try:
         with _stoppable():
             runner.run_trial(config, out, **options)
-    except ConfigurationError:
+    except (ConfigurationError, Timeout):
         raise
     except Exception as error:
         return in_one_line(error)

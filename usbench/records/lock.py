@@ -38,19 +38,22 @@ def is_held(place: Path) -> bool:
 
 
 @contextlib.contextmanager
-def locked(place: Path) -> Iterator[None]:
-    """Hold the lock of a folder or a file, which another process may hold: then wait until it is free.
+def locked(place: Path, *, waits: bool = True) -> Iterator[None]:
+    """Hold the lock of a folder or a file; where another process has it, wait until it is free if `waits`.
 
     The lock ends with its process, however that ends. Its file, empty, stays: removing it would let two
     processes hold it.
 
     Raises:
         OSError: If the lock's file cannot be made.
+        Timeout: If another process has the lock, unless `waits`.
     """
     lock = lock_of(place)
     try:
         lock.acquire()
     except Timeout:
+        if not waits:
+            raise
         log.warning("another process holds %s: waiting for it", place.name)
         lock.acquire(timeout=-1, poll_interval=1.0)
     try:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import torch
+from filelock import Timeout
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from usbench import records, suite
@@ -61,16 +62,19 @@ def run_trial(
     progress: Progress | None = None,
     rehearse: bool = False,
     evaluates_on_the_way: bool = True,
+    waits: bool = True,
 ) -> Result:
     """Run one trial and leave its records in `out`; one that was ended goes on from its last resume file.
 
-    A finished one is not run again unless `overwrite`; one that another process runs is waited for. Where
-    `rehearse`, a few updates beforehand tell `progress` how long it will take. Where it is not evaluated on
-    the way, it is after its last step alone, and has no learning curve; training has the same bits.
+    A finished one is not run again unless `overwrite`; one that another process runs is waited for if
+    `waits`. Where `rehearse`, a few updates beforehand tell `progress` how long it will take. Where it is not
+    evaluated on the way, it is after its last step alone, and has no learning curve; training has the same
+    bits.
 
     Raises:
         ConfigurationError: If `out` cannot be written.
         KeyboardInterrupt: After the state was kept; the status is then "interrupted".
+        Timeout: If another process runs the trial, unless `waits`.
         TrialError: If anything goes wrong while running; the status is then "failed" with the reason.
         ValueError: If the records of the trial in `out` are damaged, unless `overwrite`.
     """
@@ -79,7 +83,9 @@ def run_trial(
     if finished is None:
         with contextlib.ExitStack() as held:
             try:
-                held.enter_context(locked(folder))
+                held.enter_context(locked(folder, waits=waits))
+            except Timeout:  # an OSError, too
+                raise
             except OSError as error:
                 raise records.unwritable(out, error) from error
             # Again: another process may have finished it meanwhile.
