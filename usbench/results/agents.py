@@ -1,6 +1,8 @@
 """Which configuration of an algorithm bears the algorithm's name, where a cell has several."""
 
 import json
+from collections import defaultdict
+from functools import cache
 from typing import Any
 
 import pandas as pd
@@ -34,20 +36,30 @@ def named(trials: pd.DataFrame) -> pd.DataFrame:
     names = trials["algo"].copy()
     for (algo, _), own in trials.groupby([trials["algo"], trials["task"].isin(PAPER)]):
         kinds = _kinds(own)
-        if (kinds.groupby(own["task"]).nunique() > 1).any():
+        if len({*zip(own["task"], kinds, strict=True)}) > own["task"].nunique():
             names.update(_names(str(algo), own.assign(kind=kinds)))
     return trials.assign(agent=names)
 
 
-def _kinds(own: pd.DataFrame) -> pd.Series:
+def _kinds(own: pd.DataFrame) -> list[str]:
     """Return what trials have in common that differ in task, noise and seed alone.
 
     Configurations of two cells are never the same; their settings are. Of one cell, both should be.
     """
-    spelt = [spelled(one.settings, one.steps) for one in own.itertuples()]
-    kinds = pd.Series([json.dumps(each, sort_keys=True) for each in spelt], index=own.index, dtype=str)
-    several = own["configuration"].groupby([own["task"], own["noise"], kinds]).transform("nunique") > 1
-    return kinds.where(~several, kinds + " " + own["configuration"])
+    kinds = [_kind(*one) for one in zip(own["settings"], own["steps"], strict=True)]
+    within = list(zip(own["task"], own["noise"], kinds, strict=True))
+    configurations = defaultdict(set)
+    for place, configuration in zip(within, own["configuration"], strict=True):
+        configurations[place].add(configuration)
+    return [
+        f"{place[-1]} {configuration}" if len(configurations[place]) > 1 else place[-1]
+        for place, configuration in zip(within, own["configuration"], strict=True)
+    ]
+
+
+@cache
+def _kind(settings: str, steps: int) -> str:
+    return json.dumps(spelled(settings, steps), sort_keys=True)
 
 
 def _names(algo: str, own: pd.DataFrame) -> pd.Series:
