@@ -151,6 +151,22 @@ def test_configurations_are_told_apart_by_what_differs():
     assert "`vpg` has gamma=0.99; `vpg gamma=0.9` has gamma=0.9." in note
 
 
+def test_settings_that_are_not_those_of_the_table_and_stand_in_no_name_are_said():
+    long = {"n_steps": 64}
+    small = usual("a2c", noise=0.25, of=long | {"learning_rate": 0.0001}, configuration="00000002")
+    assert notes(usual("a2c", of=long), small) == [
+        "`a2c learning_rate=0.0001` has other settings than `usbench list a2c` shows: "
+        "learning_rate=0.0001, n_steps=64.",
+        "`a2c learning_rate=3.48e-05` has other settings than `usbench list a2c` shows: n_steps=64.",
+    ]
+    assert notes(usual("a2c", of=long)) == [
+        "`a2c` has other settings than `usbench list a2c` shows: n_steps=64."
+    ]
+    # Here the name says all.
+    (note,) = notes(usual("a2c"), usual("a2c", of=long, configuration="00000002"))
+    assert note.startswith("`a2c` on fp, noise 0 ran in 2 configurations")
+
+
 def test_different_budgets_and_seeds_are_said():
     assert notes(trial("vpg"), trial("a2c", seed=101, steps=320)) == [
         "Training budgets on fp differ: 320 steps for a2c; 16064 steps for vpg.",

@@ -6,11 +6,12 @@ from collections.abc import Sequence
 import pandas as pd
 
 from usbench import seed_pools
-from usbench.results.agents import is_usual, named, spelled
+from usbench.results.agents import changed_hyperparameters, is_usual, named, spelled
 from usbench.results.protocol import further, unseen
 from usbench.results.scores import CELL, Cell, environments
 from usbench.results.text import code, escaped, in_lines
 from usbench.tasks import row_of
+from usbench.words import network_apart
 
 NAMED = 3
 OTHER = "other settings"
@@ -98,6 +99,7 @@ def notes(trials: pd.DataFrame) -> list[str]:
     return [
         *_unfinished(trials),
         *_configurations(trials),
+        *_other_settings(trials),
         *_environments(trials),
         *_budgets(trials),
         *_seeds(trials),
@@ -139,6 +141,21 @@ def _configurations(trials: pd.DataFrame) -> list[str]:
             f"of its own: {'; '.join(each)}."
         )
     return found
+
+
+def _other_settings(trials: pd.DataFrame) -> list[str]:
+    """Tell what rows have otherwise than the table of algorithms, where their names do not say all of it."""
+    found: dict[tuple[str, str], dict[str, None]] = defaultdict(dict)
+    for _, trial in named(trials).drop_duplicates("configuration").iterrows():
+        recorded = {key: value for key, value in changed_hyperparameters(trial).items() if value is not None}
+        changed = [f"{key}={value}" for key, value in recorded.items()]
+        said = trial["agent"].removeprefix(trial["algo"]).strip().split(", ")
+        if not {*changed} <= {*said}:
+            found[trial["agent"], network_apart(trial["algo"])[0]][", ".join(changed)] = None
+    return [
+        f"{code(agent)} has other settings than `usbench list {algo}` shows: {'; or '.join(each)}."
+        for (agent, algo), each in sorted(found.items())
+    ]
 
 
 def _budgets(trials: pd.DataFrame) -> list[str]:
