@@ -3,6 +3,9 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+# Modules are compiled when they are first imported, and kept: compiling all at once takes a minute.
+INSTALL := -m pip install --disable-pip-version-check --no-compile
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: help check-site check-links check-docker run task-pages test test-extras test-released test-lowest test-faults slow lint format typecheck bench-sim bench-vector bench-train compare leaderboard search coverage paper ceilings unseen figures failures scores verify-submission release-agents docs clean
 .DEFAULT_GOAL := help
@@ -12,7 +15,7 @@ help:  ## show the jobs
 
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --disable-pip-version-check --quiet -c constraints.txt -e '.[dev]'
+	$(BIN)/python $(INSTALL) --quiet -c constraints.txt -e '.[dev]'
 	@touch $@
 
 # What running needs, without the tools of development; whoever has these has it already.
@@ -20,7 +23,7 @@ $(VENV)/.running: pyproject.toml constraints.txt
 	@echo "installing usbench with PyTorch, Stable-Baselines3, Numba and 50 other packages into $(VENV): 1.5 GB there with"
 	@echo "PyTorch's CPU build (README), some 7 GB with CUDA's libraries; minutes, as the network allows. Nothing else changes."
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --disable-pip-version-check -c constraints.txt -e '.[guide]'
+	$(BIN)/python $(INSTALL) -c constraints.txt -e '.[guide]'
 	@touch $@
 
 run: $(if $(wildcard $(STAMP)),$(STAMP),$(VENV)/.running)  ## train DQN on the probe-plane task and show what it learnt
@@ -34,8 +37,8 @@ test: $(STAMP)  ## run the tests (without the slow ones)
 
 # Without these packages the tests that need them are skipped.
 test-extras: $(STAMP)  ## install what some tests need beside the package: Weights & Biases, RL Baselines3 Zoo, ultrasound-metrics
-	$(BIN)/python -m pip install --disable-pip-version-check --quiet -c constraints.txt -e '.[dev,wandb]'
-	$(BIN)/python -m pip install --disable-pip-version-check --quiet --no-deps \
+	$(BIN)/python $(INSTALL) --quiet -c constraints.txt -e '.[dev,wandb]'
+	$(BIN)/python $(INSTALL) --quiet --no-deps \
 		-r tests/rl_zoo3.txt -r tests/ultrasound_metrics.txt
 
 slow: $(STAMP)  ## run the slow tests (learning, timing)
@@ -44,14 +47,17 @@ slow: $(STAMP)  ## run the slow tests (learning, timing)
 test-released: $(STAMP)  ## play the trained agents of the package whose frames have to be simulated (5 minutes)
 	$(BIN)/python -m pytest -m slow tests/test_released.py
 
-# PyTorch is that of constraints.txt. Old versions are used in ways of which others warn, and figures are those of
-# one matplotlib.
-test-lowest: $(STAMP)  ## run some tests with the lowest versions that pyproject.toml allows, in .venv-lowest (Python 3.11)
+# PyTorch is that of constraints.txt.
+$(VENV)-lowest/.installed: $(STAMP) tests/lowest.py
 	$(PYTHON) -m venv $(VENV)-lowest
 	$(BIN)/python tests/lowest.py > $(VENV)-lowest/versions.txt
 	grep -E '^(torch|pytest|pytest-xdist|hypothesis)==' constraints.txt >> $(VENV)-lowest/versions.txt
-	$(VENV)-lowest/bin/python -m pip install --disable-pip-version-check --quiet -c $(VENV)-lowest/versions.txt \
-		-e '.[anatomy,dask,guide,minari,uff]' torch pytest pytest-xdist hypothesis
+	$(VENV)-lowest/bin/python $(INSTALL) --quiet -r $(VENV)-lowest/versions.txt
+	@touch $@
+
+# Old versions are used in ways of which others warn, and figures are those of one matplotlib.
+test-lowest: $(VENV)-lowest/.installed  ## run some tests with the lowest versions that pyproject.toml allows, in .venv-lowest (Python 3.11)
+	$(VENV)-lowest/bin/python $(INSTALL) --quiet --no-deps -e .
 	OMP_NUM_THREADS=1 $(VENV)-lowest/bin/python -m pytest -m "not slow" -o filterwarnings=default -n auto --dist worksteal \
 		--ignore tests/results/test_leaderboard_committed.py tests/agents tests/cli tests/compare tests/datasets \
 		tests/guide tests/records tests/results tests/watch tests/envs/observation tests/envs/vector
@@ -69,17 +75,17 @@ format: $(STAMP)  ## put the code into the project's format
 
 typecheck: $(STAMP)  ## check the types (mypy --strict) on an installed copy
 	rm -rf build
-	$(BIN)/python -m pip install --disable-pip-version-check --quiet --no-deps --no-build-isolation \
+	$(BIN)/python $(INSTALL) --quiet --no-deps --no-build-isolation \
 		--target build/typecheck .
 	$(BIN)/mypy --no-incremental build/typecheck/usbench
 
 # esdiva has no release for Python 3.13 and later: without esdiva the benchmark leaves the ratio out and says so.
 $(VENV)/.bench: $(STAMP)
-	-$(BIN)/python -m pip install --disable-pip-version-check --quiet -c constraints.txt -e '.[bench]'
+	-$(BIN)/python $(INSTALL) --quiet -c constraints.txt -e '.[bench]'
 	@touch $@
 
 $(VENV)/.docs: $(STAMP)
-	$(BIN)/python -m pip install --disable-pip-version-check --quiet -c constraints.txt -e '.[docs]'
+	$(BIN)/python $(INSTALL) --quiet -c constraints.txt -e '.[docs]'
 	@touch $@
 
 docs: $(VENV)/.docs  ## build the site into build/docs, the notebook run anew; a warning is an error

@@ -1,10 +1,12 @@
 """The program behind `make unseen`: what it trains, keeps, prints and draws."""
 
+import multiprocessing
 import shutil
 import sys
 from dataclasses import replace
 from functools import partial
 
+import children
 import numpy as np
 import pytest
 import sweep_worker
@@ -36,6 +38,8 @@ def call(monkeypatch, tmp_path):
 @pytest.fixture
 def small(quick, monkeypatch):
     """A study of two variants, one of them on a fixed set of phantoms, whose trials are quick."""
+    # Workers that are forked from a process that has imported everything: spawned ones import for seconds.
+    monkeypatch.setattr(multiprocessing, "get_context", lambda _: children.CONTEXT)
     executor = partial(sweep.processes, sweep_worker.quick)
     monkeypatch.setattr(unseen.sweep, "run", partial(sweep.run, executor=executor))
     variants = (Variant("b"), Variant("a", setting={"n_phantoms": 2}))
