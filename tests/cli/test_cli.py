@@ -376,6 +376,12 @@ def test_an_error_that_nobody_reads_is_the_end_of_a_command(nobody):
     assert subprocess.run(run, stdout=nobody, stderr=nobody).returncode == 141
 
 
+def test_a_closed_output_is_one_that_nobody_wants():
+    run = f'"{sys.executable}" -m usbench list >&-'
+    done = subprocess.run(run, shell=True, stderr=subprocess.PIPE, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="a disk that is always full is one of Linux")
 def test_output_for_a_full_disk_is_one_sentence():
     run, env = [sys.executable, "-m", "usbench", "list", "pp"], os.environ | {"PYTHONUNBUFFERED": ""}

@@ -118,7 +118,7 @@ def _run(argv: Sequence[str] | None) -> int:
         with _terminable(), _own_modules(), _telling(quiet=getattr(args, "quiet", False)), plain:
             _check_threads()
             args.call(args)
-            sys.stdout.flush()
+            print(end="", flush=True)  # there may be no output at all
     except KeyboardInterrupt:
         how = getattr(args, "interrupted", "")
         kept = f", {how}" if how else "."
