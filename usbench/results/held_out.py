@@ -166,7 +166,7 @@ def section(known: pd.DataFrame) -> str:
     Columns on agents that were trained on many phantoms are there only where there are such agents.
     """
     trained_on_many = known["many"].notna().any()
-    head = ["agent", "phantoms of", "score on its own", "score on unseen ones"]
+    head = ["agent", "phantoms of", "on its own phantom", "on unseen phantoms"]
     head += ["score trained on many", "gap", "seeds"] if trained_on_many else ["seeds"]
     lines = []
     for row in known.to_dict("records"):
