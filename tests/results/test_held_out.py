@@ -89,7 +89,7 @@ def test_the_section_is_folded_and_has_no_columns_on_agents_that_there_are_not()
         and fold == "<summary>Scores (1 row)</summary>"
     )
     assert rows == [
-        "| agent | phantoms of | score on its own | score on unseen ones | seeds |",
+        "| agent | phantoms of | on its own phantom | on unseen phantoms | seeds |",
         "| --- | --- | ---: | ---: | ---: |",
         "| `vpg` | pp-random, noise 0 | 0.850 [0.800, 0.900] | 0.200 [0.100, 0.300] | 2 |",
         "</details>",

@@ -182,7 +182,7 @@ def section(known: pd.DataFrame) -> str:
     if trained_on_many:
         about += (
             " Score trained on many: of agents that learned on many phantoms, on the same unseen ones; gap: "
-            "that score minus the score on unseen ones."
+            "that score minus the one on unseen phantoms."
         )
     if "pp-random" in set(known["task"]):
         about += " `pp-random` has other starts than `pp`, too."
