@@ -147,8 +147,8 @@ def _other_settings(trials: pd.DataFrame) -> list[str]:
     """Tell what rows have otherwise than the table of algorithms, where their names do not say all of it."""
     found: dict[tuple[str, str], dict[str, None]] = defaultdict(dict)
     for _, trial in named(trials).drop_duplicates("configuration").iterrows():
-        recorded = {key: value for key, value in changed_hyperparameters(trial).items() if value is not None}
-        changed = [f"{key}={value}" for key, value in recorded.items()]
+        recorded = changed_hyperparameters(trial).items()
+        changed = [f"{key}={value}" for key, value in recorded if value is not None]
         said = trial["agent"].removeprefix(trial["algo"]).strip().split(", ")
         if not {*changed} <= {*said}:
             found[trial["agent"], network_apart(trial["algo"])[0]][", ".join(changed)] = None
