@@ -18,7 +18,7 @@ from usbench.checks import ConfigurationError
 from usbench.compare import plan, protocol
 from usbench.envs.frames import frame_store
 from usbench.figures import episode_ends, look_alikes, style
-from usbench.results import sources, tables
+from usbench.results import collecting, sources
 from usbench.results.protocol.changes import changes
 from usbench.setting import make_env
 
@@ -40,7 +40,7 @@ def ends_of(runs: Path) -> pd.DataFrame | None:
     """
     if not runs.is_dir() or (evaluations := records.load(runs)).empty:
         return None
-    trials = tables.collect(runs, plan.by_protocol(protocol.read())).trials
+    trials = collecting.collect(runs, plan.by_protocol(protocol.read())).trials
     own = trials[(trials["status"] == "finished") & trials["task"].isin(suite.PAPER)]
     chosen = evaluations[evaluations["trial"].isin(own["trial"])]
     return None if chosen.empty else episode_ends.shares(chosen)

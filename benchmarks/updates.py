@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.table import Table
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from usbench.results import scores, tables
+from usbench.results import collecting, scores
 
 PARTS = (0.0, 0.1, 0.25, 1.0)
 TAGS = {"KL divergence of an update": "train/approx_kl", "entropy (nats)": "train/entropy_loss"}
@@ -33,7 +33,7 @@ def main() -> None:
     parser.add_argument("--runs", type=Path, default=Path("runs"), help="folder of trials (default runs)")
     parser.add_argument("--algo", default="ppo", help="algorithm (default ppo)")
     args = parser.parse_args()
-    found = tables.collect(args.runs)
+    found = collecting.collect(args.runs)
     trials = found.trials[(found.trials["algo"] == args.algo) & (found.trials["status"] == "finished")]
     final = scores.last(found).set_index("trial")["normalized_score"]
     table = Table(

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from made_tables import made, seeds
 
-from usbench.results import additions, tables
+from usbench.results import additions, collecting, tables
 
 ROOT = Path(__file__).parents[1]
 FOLDERS = {"usbench": "usbench", "usbench.envs": "envs", "usbench.agents": "agents"}
@@ -228,7 +228,7 @@ def test_commands_on_records_load_no_torch_and_from_tables_no_simulator(finished
     known = made(*seeds("vpg", [0.5, 0.6]))
     runs = str(finished.parent)
     # A trial that is new needs a seed that is kept for comparisons.
-    known = additions.joined(known, tables.collect(finished.parent))
+    known = additions.joined(known, collecting.collect(finished.parent))
     tables.write(known, tmp_path / "leaderboard_files")
     simulator, torch = {"numba", "cv2", "usbench.envs"}, {"torch", "stable_baselines3"}
     commands = [

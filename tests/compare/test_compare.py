@@ -15,7 +15,7 @@ from usbench.ceilings import ceiling
 from usbench.compare import plan, protocol, sweep
 from usbench.envs.bmode import Imaging
 from usbench.envs.probe import LinearArray
-from usbench.results import held_out, published, scores, tables
+from usbench.results import collecting, held_out, scores, sources, tables
 from usbench.trials import runner
 from usbench.trials.configuration import resolve
 
@@ -225,7 +225,7 @@ def test_trials_in_another_environment_are_left_out_of_a_leaderboard(here, no_fi
         runner.run_trial(resolve("stay", "pp", **setting), Path("runs")).folder for setting in ({}, own)
     ]
     assert folders[0] != folders[1]
-    tables.write(tables.collect(Path("runs"), [resolve("stay", "pp")]), Path("leaderboard_files"))
+    tables.write(collecting.collect(Path("runs"), [resolve("stay", "pp")]), Path("leaderboard_files"))
     assert cli.main(["leaderboard", option, "runs"]) == 0
     said = "left out, as its anatomy, probe, imaging, reward or senses are not those of the task pp:"
     assert f"{said} {folders[1].name}\n" in capsys.readouterr().err
@@ -314,7 +314,7 @@ def test_a_trial_of_the_tables_is_replaced_only_if_that_is_asked_for(finished, h
 def test_without_tables_trials_are_added_to_those_that_come_with_the_package(
     finished, here, no_figures, capsys
 ):
-    committed = tables.read(published.folder()).trials
+    committed = tables.read(sources.published()).trials
     mine = here / "mine" / "other"
     shutil.copytree(finished, mine)
     assert cli.main(["leaderboard", "--add", "mine"]) == 2  # a seed that is not kept for comparisons
@@ -328,9 +328,9 @@ def test_without_tables_trials_are_added_to_those_that_come_with_the_package(
     assert set(trials["trial"]) == {*committed["trial"], "other"}
     assert (
         Path("leaderboard_files/held_out.csv").read_bytes()
-        == (published.folder() / "held_out.csv").read_bytes()
+        == (sources.published() / "held_out.csv").read_bytes()
     )
-    assert tables.read(published.folder()).trials.equals(committed)
+    assert tables.read(sources.published()).trials.equals(committed)
 
 
 def test_report_of_nothing_is_refused_in_one_sentence(here, capsys):

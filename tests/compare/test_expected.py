@@ -6,7 +6,7 @@ import pytest
 
 from usbench.compare import expected
 from usbench.compare.expected import End, Expected
-from usbench.results import published, tables
+from usbench.results import sources, tables
 from usbench.trials.configuration import resolve
 from usbench.trials.resume_files import ResumeFiles
 
@@ -14,13 +14,13 @@ from usbench.trials.resume_files import ResumeFiles
 @pytest.fixture
 def two_of_ppo(tmp_path, monkeypatch):
     """Let two trials of PPO be the published ones: 10 ms and 20 ms per step, 5 s and 15 s beside them."""
-    table = tables.read(published.folder()).trials
+    table = tables.read(sources.published()).trials
     rows = table[(table["algo"] == "ppo") & (table["status"] == "finished")].head(2)
     rows = rows.assign(steps=[1000, 4000], training_s=[10.0, 80.0], total_s=[15.0, 95.0])
     for name in (tables.TRIALS, tables.CURVES):
-        shutil.copy(published.folder() / name, tmp_path / name)
+        shutil.copy(sources.published() / name, tmp_path / name)
     rows.to_csv(tmp_path / tables.TRIALS, index=False)
-    monkeypatch.setattr(published, "folder", lambda: tmp_path)
+    monkeypatch.setattr(sources, "published", lambda: tmp_path)
 
 
 @pytest.mark.usefixtures("two_of_ppo")

@@ -11,7 +11,7 @@ from trials import SMALL
 from usbench import cli, records, released
 from usbench.checks import ConfigurationError
 from usbench.compare import model_card, release
-from usbench.results import published, scores, tables
+from usbench.results import scores, sources, tables
 from usbench.setting import make_env
 from usbench.trials import runner
 from usbench.trials.configuration import resolve
@@ -200,7 +200,7 @@ def test_the_interval_of_a_score_is_that_of_its_mean():
 
 
 def test_a_card_compares_trials_with_those_of_their_own_name_in_the_leaderboard():
-    known = tables.read(published.folder())
+    known = tables.read(sources.published())
     final = scores.last(known).set_index("trial")["normalized_score"]
     own = known.trials[(known.trials["task"] == "pp") & (known.trials["noise"] == 0)]
     # The grid's and those with single frames have the same algorithms and seeds.

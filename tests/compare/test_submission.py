@@ -15,7 +15,7 @@ from usbench.checks import ConfigurationError
 from usbench.compare import submission
 from usbench.records import checksums
 from usbench.records.lock import locked
-from usbench.results import additions, leaderboard, tables
+from usbench.results import additions, collecting, leaderboard, tables
 from usbench.setting import Setting
 from usbench.trials import runner
 from usbench.trials.configuration import resolve
@@ -262,7 +262,7 @@ def test_shorter_trials_of_one_s_own_are_added_without_a_mark(runs, monkeypatch)
     monkeypatch.setattr("usbench.figures.comparison.write", lambda *_: [])
     rows = {name: dataclasses.replace(row, steps=2 * STEPS) for name, row in suite.TASKS.items()}
     monkeypatch.setattr(suite, "TASKS", rows)
-    known = tables.collect(runs)
+    known = collecting.collect(runs)
     tables.write(known.of(known.trials.head(0)), leaderboard.prepare(Path("leaderboard.md")))
     assert cli.main(["leaderboard", "--add", "mine"]) == 0
     assert additions.unverified(Path("leaderboard_files")) == []
@@ -277,7 +277,7 @@ def test_a_training_with_holes_is_found(runs):
 
 def test_trials_that_two_processes_add_at_once_are_all_there(runs, monkeypatch):
     monkeypatch.setattr("usbench.figures.comparison.write", lambda *_: [])
-    known = tables.collect(runs)
+    known = collecting.collect(runs)
     folder = leaderboard.prepare(Path("leaderboard.md"))
     tables.write(known.of(known.trials.head(0)), folder)
     first, second = records.trial_folders(runs)
@@ -366,7 +366,7 @@ def test_the_folder_of_a_submission_holds_its_trials_alone_and_is_no_source(runs
 
 def test_what_is_added_without_being_verified_is_marked(runs, capsys, monkeypatch):
     monkeypatch.setattr("usbench.figures.comparison.write", lambda *_: [])
-    known = tables.collect(runs)
+    known = collecting.collect(runs)
     tables.write(known.of(known.trials.head(0)), leaderboard.prepare(Path("leaderboard.md")))
     vpg = next(folder for folder in records.trial_folders(runs) if "-vpg-" in folder.name)
     rewrite(vpg, records.EVALUATIONS, better)

@@ -12,7 +12,7 @@ from state_files import read_state
 
 from usbench import records
 from usbench.records import ConfigurationError
-from usbench.results import tables
+from usbench.results import collecting
 from usbench.trials.model_loading import load_agent
 
 _report = pytest.fixture(scope="module", autouse=True)(fuzzing.report)
@@ -34,7 +34,7 @@ def read_all(folder):
     read_state(folder)
     for table in ("evaluations", "episodes"):
         records.load(folder.parent, table)
-    tables.collect(folder.parent)
+    collecting.collect(folder.parent)
 
 
 FILES = st.sampled_from([records.TRIAL, records.EPISODES, records.EVALUATIONS])

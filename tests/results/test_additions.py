@@ -5,7 +5,7 @@ import pytest
 from made_tables import made, trial
 
 from usbench.checks import ConfigurationError
-from usbench.results import additions, published, tables
+from usbench.results import additions, sources, tables
 
 
 def test_trials_that_are_added_to_tables_give_what_all_together_give():
@@ -92,7 +92,7 @@ def test_an_unfinished_trial_has_nothing_to_verify():
 def test_the_packages_tables_come_with_the_names_that_are_not_verified(monkeypatch, tmp_path):
     package, own = tmp_path / "package", tmp_path / "own"
     own.mkdir()
-    monkeypatch.setattr(published, "folder", lambda: package)
+    monkeypatch.setattr(sources, "published", lambda: package)
     tables.write(made(trial()), package)
     additions.mark_unverified(package, [], ["mine"])
-    assert published.bring(own) and additions.unverified(own) == ["mine"]
+    assert sources.bring_published(own) and additions.unverified(own) == ["mine"]

@@ -15,7 +15,7 @@ from usbench import cli, records, suite
 from usbench.compare import transfer
 from usbench.records import ConfigurationError
 from usbench.records.lock import lock_of
-from usbench.results import held_out, leaderboard, tables
+from usbench.results import collecting, held_out, leaderboard, tables
 from usbench.setting import Setting
 from usbench.trials import runner
 from usbench.trials.configuration import resolve
@@ -108,7 +108,7 @@ def play(folder, algos=None, tell=lambda _: None):
 
 
 def test_an_agent_is_tested_once_on_every_phantom_of_the_list(finished, tmp_path, monkeypatch, capsys):
-    tables.write(tables.collect(finished.parent), tmp_path / "leaderboard_files")
+    tables.write(collecting.collect(finished.parent), tmp_path / "leaderboard_files")
     command = ["transfer", "--runs", str(finished.parent), "--leaderboard", str(tmp_path / "leaderboard.md")]
     assert cli.main([*command, "--quiet"]) == 0
     (row,) = held_out.read(tmp_path / "leaderboard_files").to_dict("records")
@@ -146,7 +146,7 @@ def test_what_no_trial_has_is_refused_before_anything_is_written(
 def test_a_leaderboard_that_is_named_and_has_no_tables_is_refused(finished, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     # There are tables, which a misspelt name must not mean.
-    tables.write(tables.collect(finished.parent), tmp_path / "leaderboard_files")
+    tables.write(collecting.collect(finished.parent), tmp_path / "leaderboard_files")
     assert cli.main(["transfer", "--quiet", "--leaderboard", "nowhere/leaderbord.md"]) == 2
     error = capsys.readouterr().err
     assert "the leaderboard 'nowhere/leaderbord.md' has no tables" in error and error.count("\n") == 1
@@ -234,7 +234,7 @@ def test_no_other_process_writes_between_reading_the_tests_and_writing_them(tmp_
 
 
 def test_an_agent_of_the_same_name_that_is_not_that_of_the_tables_is_not_tested(finished, tmp_path):
-    known = tables.collect(finished.parent)
+    known = collecting.collect(finished.parent)
     curves = known.curves.assign(normalized_score=known.curves["normalized_score"] + 0.1)
     tables.write(tables.Results(known.trials, curves), tmp_path)
     missing = transfer.untested(finished.parent, tmp_path)
@@ -244,7 +244,7 @@ def test_an_agent_of_the_same_name_that_is_not_that_of_the_tables_is_not_tested(
 
 
 def test_the_leaderboard_is_written_though_a_trial_cannot_be_tested(finished, tmp_path, capsys):
-    known = tables.collect(finished.parent)
+    known = collecting.collect(finished.parent)
     curves = known.curves.assign(normalized_score=known.curves["normalized_score"] + 0.1)
     tables.write(tables.Results(known.trials, curves), tmp_path / "leaderboard_files")
     board = tmp_path / "leaderboard.md"

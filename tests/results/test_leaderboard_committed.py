@@ -9,7 +9,7 @@ import pytest
 
 from usbench.compare import plan, protocol, rest
 from usbench.figures import comparison, tuning
-from usbench.results import leaderboard, tables
+from usbench.results import collecting, leaderboard, tables
 from usbench.results.protocol import further
 
 TOP = Path(__file__).parents[2]
@@ -58,7 +58,7 @@ def test_trials_of_the_committed_leaderboard_have_the_names_that_they_always_had
     trials = trials.set_index("trial")
     planned = [config for config in plan.by_protocol(protocol.read()) if config.steps]
     assert {config.folder_name for config in planned} <= set(trials.index)
-    ours = tables.collect(tmp_path, planned).trials.set_index("trial")[["configuration", "settings"]]
+    ours = collecting.collect(tmp_path, planned).trials.set_index("trial")[["configuration", "settings"]]
     assert ours.equals(trials.loc[ours.index, ["configuration", "settings"]])
 
 

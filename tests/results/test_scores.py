@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from made_tables import made, seeds, trial
 
-from usbench.results import scores, tables
+from usbench.results import collecting, scores
 from usbench.trials import runner
 from usbench.trials.configuration import resolve
 
@@ -143,7 +143,7 @@ def test_value_based_agents_from_outside_have_no_score_with_sampled_actions(quic
     algos = {"stable_baselines3:DQN": {}, "stable_baselines3:A2C": {}, "dqn": {"buffer_size": 64}}
     for algo, overrides in algos.items():
         runner.run_trial(resolve(algo, "pp", steps=64, overrides=overrides), tmp_path / "runs")
-    known = tables.collect(tmp_path / "runs")
+    known = collecting.collect(tmp_path / "runs")
     told = {row.algo: "explores" in json.loads(row.settings) for row in known.trials.itertuples()}
     # The settings of "dqn" tell already, and stay as they always were.
     assert [told[algo] for algo in algos] == [True, False, False]

@@ -21,7 +21,7 @@ from usbench.guide.agents import ORACLE
 from usbench.guide.session import Session
 from usbench.records import ConfigurationError, Trial
 from usbench.report import agents, poses
-from usbench.results import tables
+from usbench.results import collecting
 from usbench.setting import Setting
 from usbench.trials import runner
 from usbench.trials.configuration import resolve
@@ -116,7 +116,7 @@ def test_the_same_content_is_the_same_trial_wherever_it_lies(trial, file, tmp_pa
     for name in (records.EPISODES, records.EVALUATIONS):
         assert (again / name).read_bytes() == (trial / name).read_bytes()
     # Folders with both tell of one configuration, not of two.
-    rows = [tables.collect(folder.parent).trials for folder in (trial, again)]
+    rows = [collecting.collect(folder.parent).trials for folder in (trial, again)]
     assert rows[0]["configuration"].tolist() == rows[1]["configuration"].tolist()
     others = [
         resolve("vpg", "pp", steps=64),
@@ -174,7 +174,7 @@ def test_a_replay_is_of_the_volume(trial):
 
 
 def test_a_report_plays_it_and_has_no_map_of_another_phantom(trial):
-    (one,) = agents.shown(tables.collect(trial.parent))
+    (one,) = agents.shown(collecting.collect(trial.parent))
     looks = poses.Poses(suite.TASKS["pp"].guidance, np.zeros(0), "", np.zeros(0, bool))
     card = agents.card(trial.parent, one, looks)
     assert card.map is None and "custom anatomy" in card.silence

@@ -3,7 +3,7 @@
 from quick_trials import DrawnFrames
 from state_files import read_state
 
-from usbench.results import leaderboard, tables
+from usbench.results import collecting, leaderboard, tables
 from usbench.trials import runner
 from usbench.trials.configuration import resolve
 
@@ -31,7 +31,7 @@ def test_machine_that_differs_says_so_in_record_and_footnote(quick, tmp_path, mo
     assert digests[0] == digests[1] != digests[2]
     assert [state["versions"]["numpy"] for state in states] == [real, real, "0.1"]
 
-    known = tables.collect(tmp_path / "runs", configs)
+    known = collecting.collect(tmp_path / "runs", configs)
     tables.write(known, tmp_path / "board_files")
     leaderboard.write(tmp_path / "board_files", tmp_path / "board.md")
     text = (tmp_path / "board.md").read_text()

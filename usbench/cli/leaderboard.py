@@ -110,17 +110,17 @@ def _write_trials(args: argparse.Namespace) -> Path:
 def _add_trials(args: argparse.Namespace, path: Path) -> None:
     """Add the trials in a folder to the tables of the leaderboard `path`, and tell what became of them."""
     from usbench.records.lock import locked
-    from usbench.results import additions, held_out, leaderboard, published, studies, tables
+    from usbench.results import additions, held_out, leaderboard, sources, studies, tables
 
     known = _gathered(args.add)
     folder = leaderboard.files(path)
     # Before anything is written: it may be refused.
-    additions.add(tables.read(published.or_own(folder)), known)
+    additions.add(tables.read(sources.own_or_published(folder)), known)
     leaderboard.prepare(path)
     with locked(folder / tables.TRIALS):
-        addition = additions.add(tables.read(published.or_own(folder)), known, replace=args.replace)
+        addition = additions.add(tables.read(sources.own_or_published(folder)), known, replace=args.replace)
         checked = _told(addition, args.add, replaced=args.replace)
-        if published.bring(folder):
+        if sources.bring_published(folder):
             print(FROM_THE_PACKAGE.format(folder), file=sys.stderr)
         if args.replace:
             for name in held_out.forget(folder, [one.trial for one in addition.other]):

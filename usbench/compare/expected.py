@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from usbench import records
 from usbench.records import Trial, TrialConfig
-from usbench.results import published, tables
+from usbench.results import sources, tables
 from usbench.trials.resume_files import ResumeFiles
 
 # Algorithm and training steps, on which it depends most how long a trial takes.
@@ -97,7 +97,7 @@ def by_published(kinds: Collection[Kind]) -> dict[Kind, float] | None:
 
     Training takes as long per step as theirs, and a trial as long beside its training.
     """
-    table = tables.read(published.folder()).trials
+    table = tables.read(sources.published()).trials
     table = table[(table["status"] == "finished") & (table["steps"] > 0)]
     table = table.assign(
         step_s=table["training_s"] / table["steps"], rest_s=table["total_s"] - table["training_s"]

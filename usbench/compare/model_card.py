@@ -15,7 +15,7 @@ from scipy import stats
 from usbench import records, seed_pools
 from usbench.agents.zoo import entry
 from usbench.records import Trial, TrialConfig
-from usbench.results import held_out, published, tables
+from usbench.results import held_out, sources, tables
 from usbench.results import scores as results
 from usbench.results.text import in_lines, table
 from usbench.setting import Setting
@@ -129,7 +129,7 @@ def _choice(trial: Trial, rivals: Sequence[Rival]) -> str:
 
 def _others_again(listed: Sequence[Rival]) -> str:
     """Return a sentence where the leaderboard has other scores of these trials."""
-    final = results.last(tables.read(published.folder()))
+    final = results.last(tables.read(sources.published()))
     there = dict(zip(final["trial"], final["normalized_score"], strict=True))
     n_other = sum(abs(there.get(one.trial, one.score) - one.score) > SAME for one in listed)
     if not n_other:
@@ -158,7 +158,7 @@ def _training(trial: Trial) -> str:
 
 def _again(trial: Trial, score: float) -> str:
     """Return a paragraph where the leaderboard's trial of the same name has another score."""
-    rows = tables.read(published.folder()).curves
+    rows = tables.read(sources.published()).curves
     rows = rows[(rows["trial"] == trial.name) & (rows["kind"] == tables.GREEDY)].sort_values("step")
     if rows.empty or abs(rows["normalized_score"].iloc[-1] - score) < SAME:
         return ""
@@ -224,7 +224,7 @@ def _unseen(trial: Trial) -> str:
     """Return what the track of unseen phantoms says of this trial."""
     if trial.config.task not in held_out.MANY:
         return "On other phantoms its advice means little."
-    tested = held_out.read(published.folder())
+    tested = held_out.read(sources.published())
     own = tested[tested["trial"] == trial.name].to_dict("records")
     if not own:
         return "On other phantoms its advice means little (`usbench transfer` measures how little)."

@@ -7,7 +7,7 @@ import pandas as pd
 from usbench.compare import plan
 from usbench.compare.protocol import Protocol
 from usbench.records import ConfigurationError
-from usbench.results import additions, ranking, scores, tables
+from usbench.results import additions, collecting, ranking, scores, tables
 from usbench.results.tables import Results
 
 
@@ -46,7 +46,7 @@ def _grid(protocol: Protocol, out: Path, folder: Path) -> tuple[Results, int]:
     nothing = Results(
         *(pd.DataFrame(columns=list(each)) for each in (tables.TRIAL_COLUMNS, tables.CURVE_COLUMNS))
     )
-    here = tables.collect(out, planned) if out.is_dir() else nothing
+    here = collecting.collect(out, planned) if out.is_dir() else nothing
     kept = tables.read(folder) if (folder / tables.TRIALS).exists() else nothing
     known = additions.joined(kept, here)
     return known.of(known.trials[known.trials["trial"].isin(names)]), len(planned)

@@ -10,7 +10,7 @@ from usbench.compare.own_task import is_on_its_task
 from usbench.figures import comparison
 from usbench.records import ConfigurationError, TrialConfig
 from usbench.records.lock import locked
-from usbench.results import additions, held_out, leaderboard, studies, tables
+from usbench.results import additions, collecting, held_out, leaderboard, studies, tables
 from usbench.results.tables import Results
 
 
@@ -25,7 +25,7 @@ def gather(runs: Path) -> tuple[Results, pd.DataFrame]:
         FileNotFoundError: If there is no such folder.
         ValueError: If a record is broken.
     """
-    known = tables.collect(runs)
+    known = collecting.collect(runs)
     if known.trials.empty:
         found = ", ".join(folder.name for folder in studies.folders(runs))
         alone = f", only what usbench report shows, studies ({found})" if found else ""
@@ -85,7 +85,7 @@ def report(planned: Sequence[TrialConfig], out: Path, path: Path) -> list[Path]:
     Only the planned trials count; those without a finished record are named in the leaderboard.
     """
     folder = leaderboard.prepare(path)
-    known = tables.collect(out, planned)
+    known = collecting.collect(out, planned)
     write_tables(known, folder)
     # First: the page shows those that there are.
     figures = comparison.write(known, folder)

@@ -19,7 +19,7 @@ from usbench.checks import ConfigurationError
 from usbench.compare.own_task import is_on_its_task
 from usbench.records import Trial
 from usbench.records.facts import Facts
-from usbench.results import tables
+from usbench.results import collecting
 from usbench.results.protocol import further, unseen
 from usbench.setting import Setting
 
@@ -195,7 +195,7 @@ def _of_evaluations(trial: Trial, evaluations: pd.DataFrame) -> list[str]:
                 f"at the first and the last of {points} and at those between that it has."
             ]
     early = evaluations["step"] < evaluations["checkpoint"]
-    if early.any() or evaluations["step"].max() != total or not tables.trained_grows(evaluations):
+    if early.any() or evaluations["step"].max() != total or not collecting.trained_grows(evaluations):
         return [f"its evaluations do not take place at growing training steps, the last at {total}."]
     return []
 

@@ -1,13 +1,21 @@
-"""Results from several sources at once: folders of trials, single trials, folders of tables."""
+"""Where results come from: folders of trials, single trials, folders of tables, the tables in the package.
+
+The tables of the committed leaderboard come with the package: to add to them, nobody needs a clone.
+"""
 
 import functools
 from collections.abc import Callable, Sequence
+from importlib import resources
 from pathlib import Path
 
 from usbench import records
+from usbench.atomic import atomic_file
 from usbench.records import ConfigurationError
-from usbench.results import additions, published, tables
+from usbench.results import additions, collecting, tables
 from usbench.results.tables import Results
+
+# What stands for the tables in the package where a folder of trials or of tables is named.
+PUBLISHED = "published"
 
 
 def gather(paths: Sequence[Path], damaged: Callable[[str], None] | None = None) -> Results:
@@ -34,7 +42,9 @@ def gather(paths: Sequence[Path], damaged: Callable[[str], None] | None = None) 
                     names.add(path.name)
             else:
                 chosen[path] = None
-        found += [tables.collect(folder, damaged=damaged, names=names) for folder, names in chosen.items()]
+        found += [
+            collecting.collect(folder, damaged=damaged, names=names) for folder, names in chosen.items()
+        ]
     except (FileNotFoundError, ValueError) as error:
         raise ConfigurationError(str(error)) from error
     if damaged is not None:
@@ -50,6 +60,33 @@ def folder_of(path: Path) -> Path:
     Raises:
         FileNotFoundError: If there is none.
     """
-    if path == Path(published.NAME) and not path.exists():
-        return published.folder()
-    return records.existing(path, [published.NAME]).resolve()
+    if path == Path(PUBLISHED) and not path.exists():
+        return published()
+    return records.existing(path, [PUBLISHED]).resolve()
+
+
+def published() -> Path:
+    """Return the folder of the tables that come with the package."""
+    return Path(str(resources.files("usbench.published").joinpath(tables.TRIALS))).parent
+
+
+def own_or_published(own: Path) -> Path:
+    """Return the folder `own` if it holds tables, else that of the tables that come with the package."""
+    return own if (own / tables.TRIALS).exists() else published()
+
+
+def bring_published(own: Path) -> bool:
+    """Copy the tables that come with the package into the folder `own`, if it holds none; return whether.
+
+    The names of those trials that are not verified come with them.
+    """
+    if (own / tables.TRIALS).exists():
+        return False
+    brought = {
+        path.name: path for path in (*published().glob("*.csv"), *published().glob(additions.UNVERIFIED))
+    }
+    # Last what says that all are there.
+    for name in sorted(brought, key=lambda name: name == tables.TRIALS):
+        with atomic_file(own / name) as file:
+            file.write(brought[name].read_bytes())
+    return True
