@@ -1,10 +1,9 @@
-"""Scores of agents that plain scripts train, beside those of agents trained here.
+"""Scores of agents that plain scripts train, beside those of the leaderboard's agents.
 
-`python benchmarks/same_scores.py` trains every algorithm with four seeds of development for the whole budget,
-here and in the plain scripts that `make bench-train` times, and plays the same evaluation episodes with
-greedy actions: some four hours of one core. Each agent adds a row to docs/plain_scores.csv, and what is there
-is not trained again. Agents of Stable-Baselines3 begin with the same weights and draws in both, and part by
-rounding; those of vpg begin with their own.
+`python benchmarks/same_scores.py` trains every algorithm with four seeds of development for the whole budget
+in the plain scripts that `make bench-train` times, plays the evaluation episodes with greedy actions, and
+compares the scores with those of the leaderboard's ten seeds, which the same settings had here: some three
+hours of one core. Each agent adds a row to docs/plain_scores.csv, and what is there is not trained again.
 """
 
 import argparse
@@ -22,14 +21,19 @@ from rich.table import Table
 from scipy import stats
 from training import ALGOS, make
 
-ROWS = Path(__file__).parents[1] / "docs" / "plain_scores.csv"
-COLUMNS = ("algo", "task", "program", "seed", "steps", "score", "cpu_s")
-PROGRAMS = ("here", "plain")
+from usbench.results import scores, tables
+from usbench.results.agents import named
+from usbench.tasks import row_of
+
+ROOT = Path(__file__).parents[1]
+GRID = ROOT / "leaderboard_files"
+ROWS = ROOT / "docs" / "plain_scores.csv"
+COLUMNS = ("algo", "task", "seed", "steps", "score", "cpu_s")
 SEEDS = range(4)
 CAPTION = (
-    "Normalised scores on {task} with greedy actions after {steps} steps (and what fills the last rollout), "
-    "mean (least to most) of the seeds; the difference of the means (plain less here) has Welch's 95 % "
-    "interval."
+    "Normalised scores on {task} without noise with greedy actions after {steps} steps (and what fills the "
+    "last rollout), mean (least to most, number of seeds); the difference of the means (plain less "
+    "leaderboard) has Welch's 95 % interval."
 )
 
 
@@ -58,16 +62,15 @@ def score(agent: Any, task: str, steps: int) -> float:
     return float(setting.anchors().score(np.mean([episode.as_row()["return"] for episode in played])))
 
 
-def trained(program: str, algo: str, task: str, seed: int, steps: int) -> dict[str, object]:
-    """Train an agent and return its row."""
+def trained(algo: str, task: str, seed: int, steps: int) -> dict[str, object]:
+    """Train an agent with a plain script and return its row."""
     import torch
 
     torch.set_num_threads(1)
-    model, since = make(program, algo, task, seed), time.process_time()
+    model, since = make("plain", algo, task, seed), time.process_time()
     model.learn(steps)
     seconds = time.process_time() - since
-    agent = model if program == "here" else ChannelsFirst(model)
-    found = (algo, task, program, seed, steps, round(score(agent, task, steps), 5), round(seconds, 1))
+    found = (algo, task, seed, steps, round(score(ChannelsFirst(model), task, steps), 5), round(seconds, 1))
     return dict(zip(COLUMNS, found, strict=True))
 
 
@@ -77,6 +80,15 @@ def known() -> list[dict[str, str]]:
         return []
     with ROWS.open(newline="") as file:
         return list(csv.DictReader(file))
+
+
+def of_leaderboard(algo: str, task: str, steps: int) -> list[float]:
+    """Return the final scores of the leaderboard's agents with the row of an algorithm."""
+    results = tables.read(GRID)
+    trials = named(results.trials)
+    own = trials[(trials["agent"] == algo) & (trials["task"] == task) & (trials["noise"] == 0)]
+    final = scores.last(results.of(own[own["steps"] == steps]))
+    return [float(value) for value in final["normalized_score"]]
 
 
 def add(row: Mapping[str, object]) -> None:
@@ -90,23 +102,22 @@ def add(row: Mapping[str, object]) -> None:
 
 
 def table(task: str, steps: int) -> Table:
-    """Return the scores of every algorithm that both programs have trained."""
+    """Return the scores of every algorithm that has several of both."""
     caption = CAPTION.format(task=task, steps=steps)
-    shown = Table("algorithm", *PROGRAMS, "difference [95 %]", caption=caption, caption_justify="left")
+    heads = ("algorithm", "leaderboard", "plain", "difference [95 %]")
+    shown = Table(*heads, caption=caption, caption_justify="left")
     rows = [row for row in known() if (row["task"], row["steps"]) == (task, str(steps))]
     for algo in ALGOS:
-        here, plain = (
-            [float(row["score"]) for row in rows if (row["algo"], row["program"]) == (algo, program)]
-            for program in PROGRAMS
-        )
+        plain = [float(row["score"]) for row in rows if row["algo"] == algo]
+        here = of_leaderboard(algo, task, steps)
         if min(len(here), len(plain)) > 1:
             shown.add_row(algo, words(here), words(plain), difference(here, plain))
     return shown
 
 
 def words(scores: Sequence[float]) -> str:
-    """Return the mean, and the least and the largest."""
-    return f"{np.mean(scores):.3f} ({min(scores):.3f} to {max(scores):.3f})"
+    """Return the mean, the least and the largest, and how many there are."""
+    return f"{np.mean(scores):.3f} ({min(scores):.3f} to {max(scores):.3f}, {len(scores)})"
 
 
 def difference(here: Sequence[float], plain: Sequence[float]) -> str:
@@ -120,16 +131,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--algos", nargs="+", default=ALGOS, choices=ALGOS, metavar="NAME")
     parser.add_argument("--task", default="fp", choices=("fp", "pp"))
-    parser.add_argument("--steps", type=int, default=16064, help="(default 16064)")
     parser.add_argument("--table", action="store_true", help="print what is known, train nothing")
     args = parser.parse_args()
-    done = {tuple(row[name] for name in COLUMNS[:5]) for row in known()}
-    asked = [] if args.table else list(product(SEEDS, args.algos, PROGRAMS))
-    for number, (seed, algo, program) in enumerate(asked, 1):
-        if (algo, args.task, program, str(seed), str(args.steps)) not in done:
-            print(f"{number} of {len(asked)}: {algo}, {program}, seed {seed}", flush=True)
-            add(trained(program, algo, args.task, seed, args.steps))
-    Console(width=110).print(table(args.task, args.steps))
+    steps = row_of(args.task).steps
+    done = {tuple(row[name] for name in COLUMNS[:4]) for row in known()}
+    asked = [] if args.table else list(product(args.algos, SEEDS))
+    for number, (algo, seed) in enumerate(asked, 1):
+        if (algo, args.task, str(seed), str(steps)) not in done:
+            print(f"{number} of {len(asked)}: {algo}, seed {seed}", flush=True)
+            add(trained(algo, args.task, seed, steps))
+    Console(width=110).print(table(args.task, steps))
 
 
 if __name__ == "__main__":
