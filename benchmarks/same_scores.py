@@ -9,7 +9,7 @@ hours of one core. Each agent adds a row to docs/plain_scores.csv, and what is t
 import argparse
 import csv
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -101,18 +101,14 @@ def add(row: Mapping[str, object]) -> None:
         writer.writerow(row)
 
 
-def table(task: str, steps: int) -> Table:
-    """Return the scores of every algorithm that has several of both."""
-    caption = CAPTION.format(task=task, steps=steps)
-    heads = ("algorithm", "leaderboard", "plain", "difference [95 %]")
-    shown = Table(*heads, caption=caption, caption_justify="left")
+def compared(task: str, steps: int) -> Iterator[tuple[str, str, str, str]]:
+    """Yield the names of algorithms that have several scores of both, with both and their difference."""
     rows = [row for row in known() if (row["task"], row["steps"]) == (task, str(steps))]
     for algo in ALGOS:
         plain = [float(row["score"]) for row in rows if row["algo"] == algo]
         here = of_leaderboard(algo, task, steps)
         if min(len(here), len(plain)) > 1:
-            shown.add_row(algo, words(here), words(plain), difference(here, plain))
-    return shown
+            yield algo, words(here), words(plain), difference(here, plain)
 
 
 def words(scores: Sequence[float]) -> str:
@@ -140,7 +136,12 @@ def main() -> None:
         if (algo, args.task, str(seed), str(steps)) not in done:
             print(f"{number} of {len(asked)}: {algo}, seed {seed}", flush=True)
             add(trained(algo, args.task, seed, steps))
-    Console(width=110).print(table(args.task, steps))
+    caption = CAPTION.format(task=args.task, steps=steps)
+    heads = ("algorithm", "leaderboard", "plain", "difference [95 %]")
+    table = Table(*heads, caption=caption, caption_justify="left")
+    for row in compared(args.task, steps):
+        table.add_row(*row)
+    Console(width=110).print(table)
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 import dataclasses
 import sys
+from pathlib import Path
 
 import pytest
 import same_scores
@@ -11,6 +12,7 @@ from usbench.results import tables
 from usbench.tasks import row_of
 
 STEPS = 32
+DOCS = Path(__file__).parents[2] / "docs" / "comparison.md"
 
 
 @pytest.fixture
@@ -45,6 +47,12 @@ def test_scores_of_the_leaderboard_are_those_of_the_algorithms_row(grid):
     assert same_scores.of_leaderboard("vpg", "fp", STEPS) == [0.25, 0.75]
     assert same_scores.of_leaderboard("vpg", "pp", STEPS) == []
     assert same_scores.of_leaderboard("vpg", "fp", STEPS + 1) == []
+
+
+def test_docs_show_what_the_committed_rows_say():
+    shown = DOCS.read_text().splitlines()
+    for algo, *words in same_scores.compared("fp", row_of("fp").steps):
+        assert f"| {' | '.join([f'`{algo}`', *words])} |" in shown
 
 
 def test_differences_have_welchs_interval():
