@@ -82,13 +82,13 @@ def known() -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def of_leaderboard(algo: str, task: str, steps: int) -> list[float]:
-    """Return the final scores of the leaderboard's agents with the row of an algorithm."""
+def of_leaderboard(task: str, steps: int) -> dict[str, list[float]]:
+    """Return the final scores of the leaderboard's agents without noise, by the names of their rows."""
     results = tables.read(GRID)
-    trials = named(results.trials)
-    own = trials[(trials["agent"] == algo) & (trials["task"] == task) & (trials["noise"] == 0)]
-    final = scores.last(results.of(own[own["steps"] == steps]))
-    return [float(value) for value in final["normalized_score"]]
+    own = named(results.trials)
+    own = own[(own["task"] == task) & (own["noise"] == 0) & (own["steps"] == steps)]
+    final = scores.last(results.of(own)).merge(own[["trial", "agent"]], on="trial")
+    return final.groupby("agent")["normalized_score"].apply(list).to_dict()
 
 
 def add(row: Mapping[str, object]) -> None:
@@ -104,9 +104,10 @@ def add(row: Mapping[str, object]) -> None:
 def compared(task: str, steps: int) -> Iterator[tuple[str, str, str, str]]:
     """Yield the names of algorithms that have several scores of both, with both and their difference."""
     rows = [row for row in known() if (row["task"], row["steps"]) == (task, str(steps))]
+    of_agents = of_leaderboard(task, steps)
     for algo in ALGOS:
         plain = [float(row["score"]) for row in rows if row["algo"] == algo]
-        here = of_leaderboard(algo, task, steps)
+        here = of_agents.get(algo, [])
         if min(len(here), len(plain)) > 1:
             yield algo, words(here), words(plain), difference(here, plain)
 

@@ -44,9 +44,9 @@ def test_agents_of_plain_scripts_are_trained_once_and_compared(quick, grid, monk
 
 
 def test_scores_of_the_leaderboard_are_those_of_the_algorithms_row(grid):
-    assert same_scores.of_leaderboard("vpg", "fp", STEPS) == [0.25, 0.75]
-    assert same_scores.of_leaderboard("vpg", "pp", STEPS) == []
-    assert same_scores.of_leaderboard("vpg", "fp", STEPS + 1) == []
+    assert same_scores.of_leaderboard("fp", STEPS) == {"vpg": [0.25, 0.75], "a2c": [0.5, 0.5]}
+    assert same_scores.of_leaderboard("pp", STEPS) == {}
+    assert same_scores.of_leaderboard("fp", STEPS + 1) == {}
 
 
 def test_docs_show_what_the_committed_rows_say():
