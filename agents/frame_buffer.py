@@ -22,8 +22,8 @@ class FrameReplayBuffer(ReplayBuffer):
     A stack of four float32 frames of 90 x 40 pixels takes 57.6 kB, and each transition has two of them,
     although a fixed phantom shows only a few hundred frames in all. Here a transition holds eight numbers.
     Of observations with senses, dictionaries of `image` and `senses`, the senses have a number too.
-    Sampled observations have the same bits as those that were added. Frames are never dropped: memory grows
-    with the number of different frames, not with the number of steps.
+    Sampled observations have the same bits as those that were added. Frames that no transition has any more
+    are dropped, each time the buffer has been filled anew.
     """
 
     def __init__(
@@ -67,6 +67,8 @@ class FrameReplayBuffer(ReplayBuffer):
     ) -> None:
         """Adds a transition of each environment, as SB3 does."""
         super().add(self._numbered(obs), self._numbered(next_obs), action, reward, done, infos)
+        if self.pos == 0:
+            self._drop_unused()
 
     def state(self) -> dict[str, Any]:
         """The contents of the buffer: views of each array's filled part, and every different frame once."""
@@ -93,6 +95,18 @@ class FrameReplayBuffer(ReplayBuffer):
                 self._senses.number(senses)
         for name in TRANSITIONS:
             getattr(self, name)[: self.size()] = state[name]
+
+    def _drop_unused(self) -> None:
+        """Drops the frames and senses that no transition has any more; the others get new numbers."""
+        stores = [(self._frames, slice(None) if self._senses is None else slice(None, -1))]
+        if self._senses is not None:
+            stores.append((self._senses, slice(-1, None)))
+        both = self.observations, self.next_observations
+        for store, columns in stores:
+            used = np.unique([numbers[..., columns] for numbers in both])
+            store.keep(used)
+            for numbers in both:
+                numbers[..., columns] = np.searchsorted(used, numbers[..., columns])
 
     def _get_samples(
         self, batch_inds: npt.NDArray[np.intp], env: VecNormalize | None = None
@@ -146,6 +160,12 @@ class Distinct:
     def arrays(self) -> npt.NDArray[Any]:
         """All of them, `(n, *shape)`, by their numbers."""
         return self._room[: len(self._numbers)]
+
+    def keep(self, numbers: npt.NDArray[Any]) -> None:
+        """Keeps those with these sorted `numbers` `(n,)` alone, whose new numbers are 0 to n - 1."""
+        keys = list(self._numbers)  # in the order of their numbers
+        self._numbers = {keys[old]: new for new, old in enumerate(numbers)}
+        self._room = self._room[numbers]
 
     def number(self, array: npt.NDArray[Any]) -> int:
         """The number of an array, a new one where it is not known yet."""

@@ -51,6 +51,17 @@ def test_frames_are_kept_once_and_however_many_there_are():
     np.testing.assert_array_equal(sampled(many).observations, sampled(theirs).observations)
 
 
+def test_frames_that_no_transition_has_any_more_are_dropped():
+    ours, theirs = (
+        filled(kind(50, STACKS, ACTIONS, "cpu"), 520, n_frames=100_000)
+        for kind in (FrameReplayBuffer, ReplayBuffer)
+    )
+    # Eight frames of each of the 50 transitions when it was full last, and of the 20 since then.
+    assert 550 < len(ours._frames.arrays) <= 560
+    for one, other in zip(sampled(ours)[:5], sampled(theirs)[:5], strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
 def test_a_trials_transitions_take_a_few_megabytes():
     buffer = FrameReplayBuffer(16_064, spaces.Box(-3, 3, (90, 40, 4), np.float32), ACTIONS, "cpu")
     arrays = [value for value in vars(buffer).values() if isinstance(value, np.ndarray)]

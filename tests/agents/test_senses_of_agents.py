@@ -119,7 +119,7 @@ def test_the_frame_buffer_samples_the_bits_of_sb3s_dict_buffer() -> None:
     generator = np.random.default_rng(0)
     ours = FrameReplayBuffer(50, DICT, spaces.Discrete(5), "cpu", n_envs=2)
     theirs = DictReplayBuffer(50, DICT, spaces.Discrete(5), "cpu", n_envs=2)
-    for _ in range(40):
+    for _ in range(60):
         first, then = (
             {
                 "image": generator.uniform(-3, 3, (2, 9, 4, 4)).astype(np.float32),
@@ -130,6 +130,8 @@ def test_the_frame_buffer_samples_the_bits_of_sb3s_dict_buffer() -> None:
         rest = generator.integers(5, size=2), generator.normal(size=2), np.zeros(2, bool), [{}, {}]
         ours.add(first, then, *rest)
         theirs.add(first, then, *rest)
+    # Those of the 25 steps that it holds, and of the 10 that were overwritten since it was full last.
+    assert ours.state()["senses"].shape == (35 * 2 * 2, 3)
     again = FrameReplayBuffer(50, DICT, spaces.Discrete(5), "cpu", n_envs=2)
     again.put_back(ours.state())
     samples = []

@@ -35,7 +35,7 @@ def sampled(buffer, seed=1):
     return buffer.sample(64)
 
 
-@pytest.mark.parametrize(("n", "n_envs"), [(20, 1), (70, 1), (40, 3)])
+@pytest.mark.parametrize(("n", "n_envs"), [(20, 1), (70, 1), (130, 1), (40, 3)])
 def test_samples_have_the_bits_of_sb3s_n_step_buffer(n, n_envs):
     ours, theirs = (
         filled(kind(50, STACKS, ACTIONS, "cpu", n_envs=n_envs, **RETURNS), n, n_envs)
