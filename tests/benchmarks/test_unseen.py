@@ -143,17 +143,11 @@ def test_seeds_of_comparisons_are_refused(call, capsys):
 
 
 def shown(row):
-    """A row's two scores as the docs have them, with their intervals where there are several seeds."""
-    bounds = [f" [{row[f'{score}_low']:.2f}, {row[f'{score}_high']:.2f}]" for score in ("known", "unseen")]
+    """A row's two scores with their intervals, as the docs have them."""
     return [
-        f"{row[score]:.2f}{bound if row['seeds'] > 1 else ''}"
-        for score, bound in zip(("known", "unseen"), bounds, strict=True)
+        f"{row[score]:.2f} [{row[f'{score}_low']:.2f}, {row[f'{score}_high']:.2f}]"
+        for score in ("known", "unseen")
     ]
-
-
-def seeds_of(rows, table, steps):
-    """The seeds that a table has with so many steps."""
-    return rows.loc[(rows["table"] == table) & (rows["steps"] == steps), "seed"].tolist()
 
 
 def test_docs_show_what_the_committed_trials_say(tmp_path):
@@ -174,15 +168,27 @@ def test_docs_show_what_the_committed_trials_say(tmp_path):
         title = "nothing" if row["variant"] == "as it is" else row["variant"]
         assert f"| {title} | {' | '.join(shown(row))} |" in text
     scaling = trial_table.intervals(rows[rows["table"] == "scaling"])
-    # A million steps take three hours of a core; the docs say which seeds there are.
-    assert (scaling.loc[scaling["steps"] < 1_000_000, "seeds"] == STUDIES["scaling"].n_seeds).all()
+    assert (scaling["seeds"] == STUDIES["scaling"].n_seeds).all()
     for row in scaling.to_dict("records"):
         steps = f"{row['steps']:,}".replace(",", " ")
-        if row["seeds"] < STUDIES["scaling"].n_seeds:
-            steps += f", seed {', '.join(map(str, seeds_of(rows, 'scaling', row['steps'])))} alone"
         assert f"| {steps} | {' | '.join(shown(row))} | {row['minutes']:.0f} |" in text
     for path in drawing.write(rows, tmp_path):
         assert path.read_bytes() == (unseen.DOCS / path.name).read_bytes()
+
+
+def test_docs_tell_the_one_seed_of_a_million_steps():
+    (row,) = trial_table.rows(unseen.DOCS / "unseen_one_seed.csv")
+    assert (row.table, row.steps, row.seed) == ("scaling", 1_000_000, 0)
+    text = " ".join((unseen.DOCS / "agents.md").read_text().split())
+    (before,) = [
+        one
+        for one in trial_table.rows(unseen.DOCS / "unseen.csv")
+        if (one.table, one.steps, one.seed) == ("scaling", 300_000, 0)
+    ]
+    assert (
+        f"It has {row.unseen:.2f} on unseen phantoms, where it has {before.unseen:.2f} with 300 000 steps, "
+        f"and {row.known:.2f} on training phantoms"
+    ) in text
 
 
 def test_the_scaling_is_that_of_one_agent():
