@@ -1,0 +1,1 @@
+"""The sentences of the paper's results, each with the rule that decides whether it holds here."""
