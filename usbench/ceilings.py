@@ -16,7 +16,7 @@ TASKS = ("fp-random", "pp-random", "pp-tracked", "exam-random", "exam-tracked")
 ACTIONS = "actions"
 # Algorithms of this package that learn from knowledge of the simulator, and are not ranked, with what is said
 # of them.
-TAUGHT = {"distilled": "ceiling, not ranked", "belief": "classical, not ranked"}
+TAUGHT = {"distilled": "practical ceiling, not ranked", "belief": "classical, not ranked"}
 
 
 def ceiling(task: str, senses: Iterable[str] | None = None, noise: float = 0.0) -> float | None:

@@ -55,7 +55,7 @@ def test_who_has_a_teacher_is_shown_as_a_ceiling_and_ranked_nowhere():
     plain, with_teacher = leaderboard.markdown(made(*own)), leaderboard.markdown(made(*own, *taught))
     cell = with_teacher.split("## fp, noise 0")[1].split("## ")[0]
     agents = [line.split(" | ")[0].strip("| ") for line in lines(cell, "| `")]
-    assert agents == ["`ppo`", "`vpg`", "`distilled` (ceiling, not ranked)"]
+    assert agents == ["`ppo`", "`vpg`", "`distilled` (practical ceiling, not ranked)"]
     # Neither the verdict nor anything that compares agents knows of it.
     answer, compared = (
         [text.split("\n\n")[1], text.split("## Probability of improvement")[1].split("## fp")[0]]
@@ -77,7 +77,7 @@ def test_rows_with_a_trial_that_is_not_verified_say_so_and_no_others_do():
     )
     for part, marked in ((together, True), (first, True), (second, False)):
         assert ("| `vpg` (not verified) |" in part) == marked and "| `ppo` |" in part
-    assert "| `distilled` (ceiling, not ranked, not verified) |" in first
+    assert "| `distilled` (practical ceiling, not ranked, not verified) |" in first
     assert text.count("(not verified)") == 2
     assert text.rstrip().endswith(f"(`usbench submit`): `{wrong[0]}`, `{wrong[1]}`.")
 

@@ -111,7 +111,7 @@ def test_rows_tell_steps_frames_what_is_told_and_its_ceiling():
     assert row["ceiling"] == f"{ceiling('pp-tracked', ['position', 'heading']):.3f}"
     # Another ceiling in the same cell, of what this agent is told.
     row = row_of(text, "pp-tracked, noise 0", "distilled")
-    assert row["agent"] == "`distilled` (ceiling, not ranked)"
+    assert row["agent"] == "`distilled` (practical ceiling, not ranked)"
     assert row["learned with"].startswith("told heading, actions; 4 frames")
     assert row["ceiling"] == f"{ceiling('pp-tracked', ['heading']):.3f}"
     told_nothing = row_of(text, "fp-random, noise 0", "double_dqn")
