@@ -90,11 +90,11 @@ class SymmetricPolicy(DQNPolicy):
         return {**super()._get_constructor_parameters(), **{name: getattr(self, name) for name in names}}
 
     def _predict(self, obs: Any, deterministic: bool = True) -> torch.Tensor:
-        values = self._greedy_values(obs) if deterministic else self.q_net(obs)
+        values = self.greedy_values(obs) if deterministic else self.q_net(obs)
         actions: torch.Tensor = values.argmax(dim=1)
         return actions
 
-    def _greedy_values(self, obs: Any) -> torch.Tensor:
+    def greedy_values(self, obs: Any) -> torch.Tensor:
         """The values `(n, n_actions)` that greedy actions follow from."""
         shifts = range(-self.greedy_shift_px, self.greedy_shift_px + 1)
         return torch.stack([self.greedy_net(_moved(obs, shift)) for shift in shifts]).mean(dim=0)

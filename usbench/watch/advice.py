@@ -41,7 +41,7 @@ class Adviser:
         if isinstance(policy, ActorCriticPolicy):
             return Advice(_probabilities(policy.get_distribution(seen)))
         if isinstance(policy, DQNPolicy):
-            values = getattr(policy, "greedy_net", policy.q_net)(seen)
+            values = getattr(policy, "greedy_values", policy.q_net)(seen)
             if getattr(self._agent, "tells_costs", False):
                 return Advice(_numbers(values * self._agent.largest_cost), "loss")
             return Advice(_numbers(values), "value")

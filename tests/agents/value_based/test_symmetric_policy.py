@@ -13,6 +13,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 from usbench.agents import adapting, zoo
 from usbench.agents.value_based.double_dqn import DoubleDQN
 from usbench.agents.value_based.symmetric_policy import SymmetricPolicy, SymmetricQNetwork
+from usbench.watch.advice import Adviser
 
 
 @pytest.mark.parametrize("number", range(8))
@@ -74,6 +75,9 @@ def test_greedy_actions_can_follow_from_means_over_pictures_moved_sideways():
     expected = np.mean(values, axis=0).argmax(1)
     assert agent.predict(seen, deterministic=True)[0].tolist() == expected.tolist()
     assert expected.tolist() != values[2].argmax(1).tolist()
+    # Guide and replay show the same.
+    adviser = Adviser(agent)
+    assert [adviser.advise(one, {}, 1).best for one in seen] == expected.tolist()
 
 
 def test_means_over_moved_pictures_leave_the_training_as_it_is(tmp_path):
