@@ -51,6 +51,13 @@ def own(**changes):
     return trial("vpg", settings=settings, **changes)
 
 
+@pytest.mark.parametrize("n_steps", ["x", [1], None])
+def test_a_rollout_that_is_no_number_is_not_the_commands_own(n_steps):
+    settings = json.dumps({"environment": "e", **zoo.hyperparameters("vpg", "fp"), "n_steps": n_steps})
+    row = made(trial("vpg", settings=settings)).trials.iloc[0]
+    assert not agents.has_envs(row)
+
+
 @pytest.mark.parametrize("n", [3, 4, 11])
 def test_the_settings_of_the_table_of_algorithms_keep_the_name_however_many_trials_others_have(n):
     found = names(*(own(seed=seed) for seed in range(3)), *(other(seed=seed) for seed in range(n)))

@@ -55,6 +55,13 @@ def test_only_what_is_drawn_is_linked(tmp_path):
     assert len(second) == 1 and second[0].endswith("(files/other_learning_curves.png)")
 
 
+def test_a_link_ends_where_it_should_however_the_leaderboard_is_named(tmp_path):
+    known = made(*PAPERS)
+    draw(known, tmp_path, ["learning_curves"])
+    (((link,),)) = captions.links(known, tmp_path, "my (old) board_files").values()
+    assert link.endswith("](my%20%28old%29%20board_files/learning_curves.png)")
+
+
 def test_figures_of_the_first_part_stand_on_top_and_others_in_their_sections(tmp_path):
     known = made(*PAPERS, *OTHERS, *UNSEEN)
     tables.write(known, tmp_path / "board_files")

@@ -67,6 +67,15 @@ def test_what_an_agent_is_told_is_no_part_of_its_environment(tmp_path):
     assert json.loads(first)["environment"] == json.loads(second)["environment"]
 
 
+@pytest.mark.parametrize("senses", [[1], "position", 3])
+def test_trial_with_senses_that_cannot_be_some_does_not_hide_the_others(tmp_path, senses):
+    write_trial(tmp_path, config(environment={"id": "usbench/ProbePlane-v0", "senses": senses}))
+    good = write_trial(tmp_path, config(1)).name
+    found, told = collecting.collect(tmp_path, damaged=(said := []).append), said
+    assert list(found.trials["trial"]) == [good]
+    assert len(told) == 1 and "senses must be names" in told[0]
+
+
 def test_hyperparameters_hide_no_setting(tmp_path):
     own = {"n_frames": 4, "n_envs": 1, "senses": "position", "environment": "pp"}
     write_trial(tmp_path, config(n_frames=16, n_envs=2, hyperparameters=own))

@@ -151,6 +151,20 @@ def test_configurations_are_told_apart_by_what_differs():
     assert "`vpg` has gamma=0.99; `vpg gamma=0.9` has gamma=0.9." in note
 
 
+def test_what_a_trial_has_recorded_is_no_markup():
+    wild = "*a* <img src=x>\n## forged [b](c)"
+    other = {"configuration": "00000002", "settings": json.dumps({"environment": "e", "gamma": wild})}
+    stranger = trial("vpg", seed=101, task="pp", steps=99, settings=other["settings"])
+    mine = trial(f"{wild}:Mine", task="pp", seed=102)
+    found = notes(trial("vpg"), trial("vpg", **other), stranger, mine)
+    assert any("in 2 configurations" in note for note in found)
+    assert any("Training budgets on pp differ" in note for note in found)
+    assert any("Seeds differ on pp" in note for note in found)
+    found += notes(stranger)
+    assert "has other settings than" in found[-1]
+    assert not [note for note in found if set("*[\n") & set(note) or "<img" in note]
+
+
 def test_settings_that_are_not_those_of_the_table_and_stand_in_no_name_are_said():
     long = {"n_steps": 64}
     small = usual("a2c", noise=0.25, of=long | {"learning_rate": 0.0001}, configuration="00000002")

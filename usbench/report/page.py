@@ -32,7 +32,8 @@ def check(runs: Path, out: Path) -> Path:
         raise ConfigurationError(str(error)) from error
     if not records.trial_folders(runs) and not studies.folders(runs):
         raise ConfigurationError(
-            f"{str(runs)!r} holds no trials and no studies: usbench run, compare and guide make them."
+            f"{str(runs)!r} holds no trials (earlier attempts aside) and no studies: usbench run, compare "
+            "and guide make them."
         )
     return style.check_file(out, ENDINGS)
 

@@ -114,7 +114,9 @@ def has_senses(trial: pd.Series) -> bool:
 def has_envs(trial: pd.Series) -> bool:
     """Return whether as many environments learn in step as the command takes by itself."""
     settings, row = json.loads(trial["settings"]), ZOO.get(network_apart(trial["algo"])[0])
-    rollout = int(settings.get("n_steps", 0))
+    rollout = settings.get("n_steps", 0)
+    if not isinstance(rollout, int):  # no trial of this package records that
+        return False
     usual = 1 if row is None else usual_envs(row, int(trial["steps"]), rollout)
     return bool(settings.get("n_envs", 1) == usual)
 

@@ -1,6 +1,7 @@
 """The figures that stand on the leaderboard's page, with words that say of which tasks each of them is."""
 
 from pathlib import Path
+from urllib.parse import quote
 
 import pandas as pd
 
@@ -41,7 +42,7 @@ def _links(part: str, trials: pd.DataFrame, folder: Path, shown_as: str) -> list
     for kind, words in (*FIGURES, FOLDED):
         file = f"{scores.prefix(part)}{kind}.png"
         if (folder / file).is_file():
-            found[kind] = f"![{words.format(where)}]({shown_as}/{file})"
+            found[kind] = f"![{words.format(where)}]({quote(shown_as)}/{file})"
     if FOLDED[0] in found:
         found[FOLDED[0]] = text.folded(SUMMARY, found[FOLDED[0]])
     return list(found.values())

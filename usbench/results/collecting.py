@@ -1,6 +1,7 @@
 """Trials become tables: one row of a trial's settings and end, and the means over its episodes."""
 
 import json
+import reprlib
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -55,13 +56,13 @@ def collect(
     for config, folder in places or [(None, folder) for folder in folders]:
         try:
             trial = _found(folder)
+            if known := config or (trial and trial.config):
+                rows.append(_row(known, trial))
         except ValueError as error:
             if damaged is None:
                 raise
             damaged(str(error))
             continue
-        if known := config or (trial and trial.config):
-            rows.append(_row(known, trial))
         if trial and trial.status == "finished":
             finished[trial.name] = trial
     trials = pd.DataFrame(rows, columns=list(TRIAL_COLUMNS))
@@ -135,6 +136,8 @@ def _settings(config: Mapping[str, Any], *, explores: bool) -> str:
     flat = {key: value for key, value in config.items() if key not in cell}
     environment = dict(config.get("environment", {}))
     told = environment.pop("senses", ())
+    if not isinstance(told, list | tuple) or not all(isinstance(sense, str) for sense in told):
+        raise ValueError(f"senses must be names, not {reprlib.repr(told)}.")
     # First: no hyperparameter hides what else was set.
     own = {key: value for key, value in config.get("hyperparameters", {}).items() if key != "senses"}
     flat = own | flat | {"environment": digest(environment)}

@@ -15,7 +15,7 @@ WIDEST = 72
 
 def number(value: Any, digits: int) -> str:
     """Return a number with fixed digits, never -0; a dash where there is none."""
-    return DASH if pd.isna(value) else f"{round(float(value), digits) + 0.0:.{digits}f}"
+    return DASH if pd.isna(value) else f"{float(value):z.{digits}f}"
 
 
 def interval(value: float, low: float, high: float, digits: int = 3) -> str:
@@ -40,6 +40,11 @@ def code(name: str) -> str:
 def escaped(name: str) -> str:
     """Return a name as plain text, in which nothing is markup."""
     return "".join(c if c.isalnum() or c in PLAIN else f"&#{ord(c)};" for c in name)
+
+
+def plain(words: str) -> str:
+    """Return words as they are; as plain text where they hold what may be markup."""
+    return escaped(words) if set(words) & set("|`<>&[]*\n\r") else words
 
 
 def agent(name: str, *notes: str) -> str:
