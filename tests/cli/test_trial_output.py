@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from usbench import cli
+from usbench import cli, records
 from usbench.cli.output import trial_bars, trial_output
 from usbench.trials import runner
 from usbench.trials.configuration import resolve
@@ -25,6 +25,14 @@ def test_trial_table_has_the_columns_that_say_something_of_the_task(quick, trial
     names = ["vpg, sampled", "vpg, greedy", "random", "optimal"]
     assert list(table.columns[0].cells) == names
     assert list(table.columns[2].cells)[2:] == ["0.00", "1.00"]
+
+
+@pytest.mark.parametrize(("distance", "shown"), [(0.449, "0.4 mm"), (0.45001, "0.5 mm"), (-0.04, "0.0 mm")])
+def test_numbers_are_rounded_once_and_never_minus_zero(quick, trial_on, monkeypatch, distance, shown):
+    folder, means = trial_on("fp"), records.means
+    monkeypatch.setattr(records, "means", lambda rows: {**means(rows), "final_distance_mm": distance})
+    table = trial_output.trial_table(folder)
+    assert list(table.columns[3].cells)[:2] == [shown, shown]
 
 
 @pytest.mark.parametrize("width", ["80", "40"])

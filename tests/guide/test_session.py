@@ -209,6 +209,13 @@ def test_a_trial_of_an_algorithm_from_elsewhere_is_no_adviser(finished):
     assert agents.find(finished.parent) == []
 
 
+def test_a_trial_with_the_name_of_the_exact_optimum_is_not_taken_for_it(finished):
+    folder = finished.rename(finished.with_name("oracle"))
+    assert agents.find(folder.parent) == []
+    with pytest.raises(ConfigurationError, match="must not be named 'oracle'"):
+        Session(folder.parent, folder)
+
+
 def test_folder_that_is_no_trial_is_refused(tmp_path):
     with pytest.raises(ConfigurationError, match="not the folder of a trial"):
         Session(tmp_path, tmp_path)

@@ -93,7 +93,8 @@ def find(runs: Path) -> list[Known]:
     A trial that cannot be read is left out.
     """
     trials = sorted(records.trial_folders(runs), key=lambda path: path.name)
-    return [trial for path in (*trials, *released.folders()) if (trial := _known(path))]
+    named = [path for path in trials if path.name != ORACLE]  # it would be taken for the exact optimum
+    return [trial for path in (*named, *released.folders()) if (trial := _known(path))]
 
 
 def known(folder: Path) -> Known:
@@ -105,6 +106,8 @@ def known(folder: Path) -> Known:
     name, folder = str(folder), released.place(folder)
     if not (folder / records.TRIAL).is_file():
         raise records.no_trial(folder)
+    if folder.resolve().name == ORACLE:
+        raise ConfigurationError(f"a trial's folder must not be named {ORACLE!r}, as the exact optimum is.")
     trial = _known(folder.resolve())
     if trial is None:
         check_shown(name, load_agent(folder).config.task)  # loading raises the error that says why

@@ -58,7 +58,7 @@ def facts(moment: Moment) -> tuple[str, str]:
 
 def fixed(number: float) -> str:
     """Return a number with two digits, never -0.00."""
-    return f"{round(number, 2) + 0.0:.2f}"
+    return f"{number:z.2f}"
 
 
 def advice_numbers(advice: Advice) -> list[str]:

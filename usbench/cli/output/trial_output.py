@@ -26,13 +26,13 @@ class Column:
 
 
 COLUMNS = (
-    Column("return", "return", "{:.2f}", "sum of the rewards of an episode"),
-    Column("normalised\nscore", "normalized_score", "{:.2f}", "0 is the random agent, 1 is the optimum"),
-    Column("final\ndistance", "final_distance_mm", "{:.1f} mm", "from the last pose to the goal"),
+    Column("return", "return", "{:z.2f}", "sum of the rewards of an episode"),
+    Column("normalised\nscore", "normalized_score", "{:z.2f}", "0 is the random agent, 1 is the optimum"),
+    Column("final\ndistance", "final_distance_mm", "{:z.1f} mm", "from the last pose to the goal"),
     Column(
         "plane\nerror",
         "plane_error_deg",
-        "{:.1f} deg",
+        "{:z.1f} deg",
         "angle between the last frame's plane and the object's, 0 to 90 degrees",
     ),
     Column("success\nrate", "success_rate", "{:.0%}", "share of the episodes whose last pose is the goal"),
@@ -62,7 +62,7 @@ def trial_table(folder: Path) -> Table:
     shown |= {name: {**trial.references[name], "return": getattr(anchors, name)} for name in REFERENCES}
     for name, means in shown.items():
         values = {**means, "normalized_score": anchors.score(means["return"])}
-        table.add_row(name, *(column.form.format(round(values[column.mean], 2) + 0.0) for column in columns))
+        table.add_row(name, *(column.form.format(values[column.mean]) for column in columns))
     return table
 
 
