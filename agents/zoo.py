@@ -1,9 +1,9 @@
 """The table of algorithms: name -> class, policy, hyperparameters. An algorithm is one row."""
 
-import importlib
 import inspect
 import json
 import math
+import pkgutil
 import warnings
 from collections.abc import Mapping
 from dataclasses import replace
@@ -249,5 +249,4 @@ def _resolved(value: Any) -> Any:
         return {key: _resolved(inner) for key, inner in value.items()}
     if not isinstance(value, str) or ":" not in value:
         return value
-    module, name = value.split(":")
-    return getattr(importlib.import_module(module), name)
+    return pkgutil.resolve_name(value)

@@ -51,8 +51,8 @@ def main() -> None:
         server = guide_server.server(desk, token)
         desk.start(lambda _: session)
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
+        browser = chromium(playwright)  # first: where it cannot start, nothing waits for the server
         thread.start()
-        browser = chromium(playwright)
         try:
             page = browser.new_page(viewport={"width": 1400, "height": 880})
             page.goto(guide_server.address(listener, token))

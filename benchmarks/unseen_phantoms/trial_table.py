@@ -8,7 +8,7 @@ import pandas as pd
 from rich.table import Table
 
 from usbench.atomic import atomic_file
-from usbench.records.lock import lock_of
+from usbench.records.lock import locked
 from usbench.results import scores
 
 
@@ -76,7 +76,7 @@ def add(path: Path, row: Row) -> None:
     The file is read again each time: what another process has added stays.
     """
     new = pd.DataFrame([asdict(row)]).astype(TYPES).round(DECIMALS)
-    with lock_of(path).acquire(timeout=-1):
+    with locked(path):
         known = read(path)
         rows = new if known.empty else pd.concat([known, new])
         rows = rows.drop_duplicates(KEY, keep="last").sort_values(KEY)

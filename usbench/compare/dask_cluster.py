@@ -69,7 +69,7 @@ class Cluster(Executor):
         `args` are the trial's configuration and the folder `out`. The result is the function's.
         """
         config, out = args
-        _check_writable(out)
+        records.check_writable(out)
         ended: Future[Any] = Future()
         remote = self._remote.submit(on_worker, fn, config, configuration.versions(PACKAGES))
         remote.add_done_callback(lambda done: self._writer.submit(self._settle, ended, done, config, out))
@@ -250,13 +250,3 @@ def _bring(files: Files, config: TrialConfig, out: Path) -> None:
             (folder / name).parent.mkdir(exist_ok=True)
             with atomic_file(folder / name) as file:
                 file.write(content)
-
-
-def _check_writable(out: Path) -> None:
-    """Refuse a folder that cannot be written, before hours on a cluster rather than after."""
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=out):
-            pass
-    except OSError as error:
-        raise records.unwritable(out, error) from error

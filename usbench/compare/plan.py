@@ -40,7 +40,7 @@ def by_protocol(
     """
     own = {name: one for name, one in (("n_frames", n_frames), ("senses", senses)) if one is not None}
     grid = protocol.comparison
-    extra = Extra(table or "", grid.noises, grid.seeds) if table is None else grid.extra(table)
+    extra = Extra("", grid.noises, grid.seeds) if table is None else grid.extra(table)
     algos = algos or extra.rows or grid.rows
     protocol.check_winners(algos)
     if extra.network is not None:

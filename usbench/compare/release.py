@@ -112,7 +112,7 @@ def _arrays(policy: BasePolicy) -> dict[str, Any]:
 
 
 def _write(trial: Trial, folder: Path, name: str, same: Sequence[Trial]) -> Path:
-    """Write the released agent of a trial into `folder`; `same` are all trials of its task."""
+    """Write the released agent of a trial into `folder`; `same` are those among which it was chosen."""
     arrays = _arrays(load_agent(trial.folder).agent.policy)
     lines = (trial.folder / records.EVALUATIONS).read_text().splitlines(keepends=True)
     rivals = [model_card.Rival(one.name, one.config.algo, one.config.seed, _score(one)) for one in same]

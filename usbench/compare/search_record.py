@@ -59,8 +59,8 @@ class SearchRecord:
         self._head = _head(row, protocol)
         self.trials = self._read()
 
-    def add(self, place: Place, config: TrialConfig, out: Path) -> bool:
-        """Record a trial in `out` that has ended; return whether it has: finished, or diverged.
+    def add(self, place: Place, config: TrialConfig, out: Path) -> None:
+        """Record a trial in `out` if it has ended: finished, or diverged.
 
         Where another process has recorded it meanwhile, what that one has recorded stays.
 
@@ -69,16 +69,16 @@ class SearchRecord:
             ValueError: If the trial's records are damaged, or this record is.
         """
         if place in self.trials:
-            return True
+            return
         trial = Trial.find(out / config.folder_name)
         if trial is None or trial.status not in ("finished", "failed"):
-            return False
+            return
         score = None
         if trial.status == "finished":
             last = trial.last_evaluation(deterministic=True)
             score = round(float(last["normalized_score"].mean()), 6)
         elif not any(told in str(trial.reason) for told in DIVERGED):
-            return False
+            return
         told = {
             "steps": config.steps,
             "score": score,
@@ -86,7 +86,6 @@ class SearchRecord:
             "trial": trial.name,
         }
         self._append(place, told)
-        return True
 
     def check_writable(self) -> None:
         """Raise ConfigurationError if its folder cannot be written."""
