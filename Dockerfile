@@ -4,7 +4,7 @@ FROM python:3.13-slim
 # make for the jobs; Chromium for the tests in a browser.
 RUN apt-get update --quiet=2 \
     && DEBIAN_FRONTEND=noninteractive apt-get install --yes --quiet=2 --no-install-recommends \
-        chromium git make procps \
+        chromium make \
     && rm -rf /var/lib/apt/lists/*
 
 WORKDIR /usbench

@@ -74,7 +74,7 @@ format: $(STAMP)  ## put the code into the project's format
 	$(BIN)/ruff format .
 
 typecheck: $(STAMP)  ## check the types (mypy --strict) on an installed copy
-	rm -rf build
+	rm -rf build/typecheck build/lib build/bdist.*
 	$(BIN)/python $(INSTALL) --quiet --no-deps --no-build-isolation \
 		--target build/typecheck .
 	$(BIN)/mypy --no-incremental build/typecheck/usbench
@@ -88,7 +88,7 @@ $(VENV)/.docs: $(STAMP)
 	$(BIN)/python $(INSTALL) --quiet -c constraints.txt -e '.[docs]'
 	@touch $@
 
-docs: $(VENV)/.docs  ## build the site into build/docs, the notebook run anew; a warning is an error
+docs: $(VENV)/.docs  ## build the site into build/docs, the notebooks run anew; a warning is an error
 	rm -rf docs/api
 	$(BIN)/sphinx-build --quiet --fresh-env --fail-on-warning --keep-going -d build/doctrees docs build/docs
 
@@ -152,5 +152,5 @@ release-agents: $(STAMP)  ## build the trained agents that come with the package
 	$(BIN)/python benchmarks/release_agents.py $(TRIALS)
 
 clean:  ## remove the environment, builds and caches (runs/ stays)
-	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
-	find usbench envs agents benchmarks leaderboard_files tests -name __pycache__ -type d -prune -exec rm -rf {} +
+	rm -rf $(VENV) $(VENV)-lowest build dist docs/api __pycache__ *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find usbench envs agents benchmarks docs tests -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -15,7 +15,7 @@ from sphinx.application import Sphinx
 
 ROOT = Path(__file__).parents[1]
 # File of the repository -> page of the site that shows it; folder -> package.
-HERE = {"leaderboard.md": "results.md", "CHANGELOG.md": "changelog.md", "CITATION.cff": "cite.md"}
+HERE = {"leaderboard.md": "results.md", "CHANGELOG.md": "changelog.md"}
 # Of trained agents, and the page that shows all of them.
 CARD, CARDS = "card.md", "cards.md"
 PACKAGES = {"envs": "usbench.envs", "agents": "usbench.agents", "usbench": "usbench"}

@@ -313,6 +313,8 @@ def test_helps_fit_80_columns(name, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     text = cli.build_parser()[1][name].format_help()
     assert [line for line in text.split("\n") if len(line) > 80] == []
+    # No name is broken at a hyphen: "pp-random" can be copied.
+    assert [line for line in text.split("\n") if re.search(r"\w-$", line)] == []
 
 
 @pytest.mark.parametrize(

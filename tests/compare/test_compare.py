@@ -272,6 +272,11 @@ def test_trials_of_a_folder_are_added_to_the_tables(finished, no_figures, tmp_pa
     assert said.count("\n") == 1 and contents(tmp_path) == everything
     state["config"]["seed"] = 100
     write_state(other, state)
+    everything = contents(tmp_path)
+    command = ["leaderboard", "--add", str(other.parent), "--leaderboard", str(path)]
+    assert cli.main([*command, "--search", str(tmp_path / "nowhere")]) == 2
+    assert "there is no record of a search in" in capsys.readouterr().err
+    assert contents(tmp_path) == everything
     assert cli.main(["leaderboard", "--add", str(other.parent), "--leaderboard", str(path)]) == 0
     trials = tables.read(tmp_path / "leaderboard_files").trials
     assert list(trials["trial"]) == [finished.name, "other"]

@@ -309,6 +309,21 @@ def test_change_of_task_asks_before_an_episode_is_lost(page):
     expect(page.get_by_role("button", name="rotate clockwise")).to_be_visible()
 
 
+def test_change_of_task_asks_also_where_the_first_action_is_on_its_way(page):
+    expect(page.get_by_role("combobox", name="Task")).to_have_value("pp")
+    page.evaluate(
+        """() => {
+            document.body.dispatchEvent(new KeyboardEvent("keydown", { key: "ArrowRight", bubbles: true }));
+            const task = document.getElementById("task");
+            task.value = "fp";
+            task.dispatchEvent(new Event("change", { bubbles: true }));
+        }"""
+    )
+    expect(page.get_by_role("dialog")).to_contain_text("this one ends at step 1 of 16.")
+    page.get_by_role("button", name="Go on with the episode").click()
+    expect(page.locator("#progress-words")).to_have_text("Step 1 of 16")
+
+
 def test_play_goes_on_in_a_new_episode_that_takes_its_time(page, monkeypatch):
     for step in range(16):
         page.keyboard.press("Space")

@@ -11,7 +11,7 @@ from playwright.sync_api import sync_playwright
 BUILT = Path(__file__).parents[2] / "build" / "docs"
 PAGES = ("index", "tutorial", "environments/pp", "results", "api", "physics", "records")
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-pytestmark = pytest.mark.site
+pytestmark = [pytest.mark.site, pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium")]
 
 
 @pytest.fixture(scope="module")

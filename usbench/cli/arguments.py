@@ -19,12 +19,17 @@ GOES_ON = "what was recorded is kept: the same command goes on from there."
 
 
 class Help(argparse.RawDescriptionHelpFormatter):
-    """Breaks a description of one line to the width of the terminal; examples keep their lines."""
+    """Breaks lines to the width of the terminal, and no name at its hyphens; examples keep their lines."""
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
         if "\n" in text:
             return super()._fill_text(text, width, indent)
-        return textwrap.fill(text, width, initial_indent=indent, subsequent_indent=indent)
+        return textwrap.fill(
+            text, width, initial_indent=indent, subsequent_indent=indent, break_on_hyphens=False
+        )
+
+    def _split_lines(self, text: str, width: int) -> list[str]:
+        return textwrap.wrap(" ".join(text.split()), width, break_on_hyphens=False)
 
 
 class Parser(argparse.ArgumentParser):
@@ -136,7 +141,12 @@ def runs_or(named: Any, runs: Path | None) -> Path:
 
 def add_sweep(parser: argparse.ArgumentParser) -> None:
     """Add the options of commands that run several trials."""
-    parser.add_argument("--jobs", type=number, metavar="N", help="trials at a time (default: all cores)")
+    parser.add_argument(
+        "--jobs",
+        type=number,
+        metavar="N",
+        help="trials at a time (default: USBENCH_THREADS, or all cores; on a cluster all at once)",
+    )
     parser.add_argument(
         "--out", type=Path, default=Path("runs"), metavar="FOLDER", help="folder for trials (default runs)"
     )

@@ -78,14 +78,16 @@ def _call(args: argparse.Namespace) -> None:
     from usbench.results.protocol import tuning as searched
 
     path = args.leaderboard or LEADERBOARD
+    # Before anything is written: there may be no such record.
+    search = None if args.search is None else searched.gather(args.search)
     if args.runs is not None:
         path = _write_trials(args)
     elif args.add is not None:
         _add_trials(args, path)
     folder = leaderboard.files(path)
     known = tables.read(folder)
-    if args.search is not None:
-        searched.write(searched.gather(args.search), folder)
+    if search is not None:
+        searched.write(search, folder)
     # First: the page shows those that there are.
     figures = [*comparison.write(known, folder), *tuning.write(folder, folder)]
     for written in [*leaderboard.write(folder, path), *figures]:

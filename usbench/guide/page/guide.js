@@ -90,6 +90,8 @@ function act(action, since) {
 }
 // Another task or noise begins a new episode: ask before one that has begun is lost.
 function change(choice, what) {
+  // What is on its way may begin the episode that would be lost.
+  if (waiting) return pending.then(() => change(choice, what));
   if (shown.over || !shown.step) return send("choose", choice);
   pause();
   byId("sure-words").textContent = `${what} begins a new episode: this one ends at step ${shown.step} of ${shown.n_steps}.`;
