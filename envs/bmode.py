@@ -12,7 +12,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import sparse
 
-from usbench.checks import METRES, meant, non_negative, number, positive, quantity, whole_number
+from usbench.checks import HERTZ, METRES, meant, non_negative, number, positive, quantity, whole_number
+from usbench.envs.arrays import real
 from usbench.envs.probe import LinearArray, bounded, check_array
 from usbench.envs.receiver import gain
 
@@ -128,7 +129,7 @@ def bmode(
         is what lies more than half a step beyond the outermost lines. A line alone fills the image's width.
     """
     envelopes = envelope(signals)
-    lines = np.asarray(line_positions, dtype=np.float64)
+    lines = real("line_positions", line_positions)
     steps = np.diff(lines, prepend=lines[:1]) if lines.ndim == 1 else lines
     if (
         lines.shape != (envelopes.shape[1],)
@@ -143,7 +144,9 @@ def bmode(
     if (farthest := float(np.abs(lines).max(initial=0.0))) > MOST_SIZE:
         hint = meant(farthest, 1e-3, MOST_SIZE, METRES)
         raise ValueError(f"line_positions must be within {MOST_SIZE} m, not {farthest:g} m{hint or '.'}")
-    sampling_frequency = bounded("sampling_frequency", sampling_frequency)
+    # From the I/Q of the lowest centre frequency, whose rate is 1.4 times that.
+    positive("sampling_frequency", sampling_frequency)
+    sampling_frequency = quantity("sampling_frequency", sampling_frequency, 1e5, 1e10, HERTZ)
     speed_of_sound = bounded("speed_of_sound", speed_of_sound)
     number("time_zero", time_zero)
     first, step = time_zero * speed_of_sound / 2, speed_of_sound / (2 * sampling_frequency)

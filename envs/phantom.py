@@ -14,6 +14,8 @@ from usbench.checks import non_negative, positive, whole_number
 from usbench.envs.attenuation import checked_attenuation
 from usbench.envs.pose import Pose, cos_deg, sin_deg
 
+# All of them are in memory.
+MOST_SCATTERERS = 10_000_000
 _VIEW_MM3 = 40.0 * 10.0 * 90.0  # the volume in view, for which the paper's authors give their densities
 
 
@@ -133,6 +135,13 @@ class Phantom:
             "tissue_amplitude_std",
         ):
             object.__setattr__(self, name, non_negative(name, getattr(self, name)))
+        density = max(self.tissue_density_per_mm3, self.object_density_per_mm3)
+        n_scatterers = density * self.width_mm * self.height_mm * self.depth_mm
+        if not n_scatterers <= MOST_SCATTERERS:  # also of inf times 0
+            raise ValueError(
+                f"a phantom must have at most {MOST_SCATTERERS:g} scatterers, its largest density times its "
+                f"volume, not {n_scatterers:g}."
+            )
         loss = checked_attenuation(self.attenuation_db_per_cm_mhz)
         object.__setattr__(self, "attenuation_db_per_cm_mhz", loss)
         for ball in self.object_of_interest.balls:

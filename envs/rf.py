@@ -14,6 +14,7 @@ exp(-b f d) over a distance d.
 from __future__ import annotations
 
 import math
+import reprlib
 
 import numpy as np
 import numpy.typing as npt
@@ -61,7 +62,7 @@ def simulate_rf(
         `array.rf_sampling_frequency`. The pulse is causal: an echo starts at 2 r / c.
 
     Raises:
-        TypeError: If the focal depth or the attenuation is no number.
+        TypeError: If `array` is none, or the focal depth or the attenuation is no number.
         ValueError: If shapes are wrong, values are not finite real numbers, a scatterer or the focus is not
             below the surface, or the attenuation is negative or above 1.
     """
@@ -192,9 +193,10 @@ def _depth(name: str, depth: float) -> float:
     try:
         return number(name, depth, low=0.0, high=_MAX_DISTANCE, above=True)
     except ValueError:
-        hint = meant(depth, 1e-3, _MAX_DISTANCE, METRES)
+        # A whole number may be too large for a float.
+        hint = meant(float(depth), 1e-3, _MAX_DISTANCE, METRES) if abs(depth) < 1e300 else ""
         allowed = f"in (0, {_MAX_DISTANCE}] m"
-        raise ValueError(f"{name} must be {allowed}, not {depth!r}{hint or '.'}") from None
+        raise ValueError(f"{name} must be {allowed}, not {reprlib.repr(depth)}{hint or '.'}") from None
 
 
 def _sum(

@@ -21,6 +21,17 @@ def test_numbers_come_out_plain(value):
     assert checks.positive("x", value) == checks.non_negative("x", value) == 3
 
 
+def test_numbers_are_never_minus_zero():
+    assert str(checks.number("x", -0.0)) == str(checks.non_negative("x", np.float32(-0.0))) == "0.0"
+
+
+@pytest.mark.parametrize("seed", [3.0, np.float32(3), np.float64(3)])
+def test_a_seed_is_no_float_even_a_whole_one(seed):
+    with pytest.raises(TypeError, match="seed must be a whole number"):
+        checks.check_seed(seed)
+    assert checks.check_seed(np.int64(3)) == 3
+
+
 @pytest.mark.parametrize("check", [checks.number, checks.positive, checks.whole_number, checks.probability])
 @pytest.mark.parametrize("value", ["3", None, True, np.True_, [1.0], 1j])
 def test_refuses_what_is_no_number(check, value):

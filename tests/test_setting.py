@@ -2,10 +2,14 @@
 
 import re
 
+import numpy as np
 import pytest
+import SimpleITK as sitk
 
+from usbench.envs.anatomy import Recording
 from usbench.envs.bmode import Imaging
 from usbench.envs.phantom import Phantom
+from usbench.envs.pose import Pose
 from usbench.envs.probe import DEFAULT_ARRAY
 from usbench.records import ConfigurationError
 from usbench.setting import Setting, make_env, make_vec_env
@@ -33,6 +37,14 @@ def test_a_value_of_another_type_is_refused_in_one_short_sentence(make, values, 
     with pytest.raises(ConfigurationError) as refused:
         make(**{"task": "pp", **values})
     assert re.fullmatch(said, str(refused.value)) and len(str(refused.value)) < 200
+
+
+def test_senses_that_can_be_read_once_are_read_once(tmp_path):
+    path = tmp_path / "image.mha"
+    sitk.WriteImage(sitk.GetImageFromArray(np.full((90, 80, 80), 100, np.uint8)), str(path))
+    anatomy = Recording.read(path, target=Pose(0, 50, 0))
+    found = Setting(task="pp", anatomy=anatomy, senses=iter(("heading", "actions")))
+    assert found.senses == ("heading", "actions")
 
 
 def test_no_probe_becomes_the_default_one():

@@ -78,7 +78,7 @@ def number(
     inside = low <= found <= high and not (above and found == low) and not (below and found == high)
     if not (inside and math.isfinite(found)):
         raise ValueError(_refused(name, value, interval(low, high, above=above, below=below)))
-    return found
+    return found + 0.0  # never -0, which equals 0 and has another text
 
 
 def positive(name: str, value: Any) -> float:
@@ -166,7 +166,7 @@ def check_seed(seed: object) -> int:
 
     A float is none, even a whole one: in a record it would give the trial another name.
     """
-    if isinstance(seed, float):
+    if isinstance(seed, numbers.Real) and not isinstance(seed, numbers.Integral):
         raise TypeError(_refused("seed", seed, whole_interval(0, 2**32 - 1)))
     return whole_number("seed", seed, 0, 2**32 - 1)
 

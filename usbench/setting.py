@@ -76,6 +76,8 @@ class Setting:
 
     def __post_init__(self) -> None:
         """Hold the values in their own types, or refuse them."""
+        if isinstance(self.senses, Iterator):  # the first environment would use it up
+            object.__setattr__(self, "senses", tuple(self.senses))
         with as_configuration_error():
             if not isinstance(self.task, str) or self.task not in suite.TASKS:
                 raise suite.unknown_task(self.task)

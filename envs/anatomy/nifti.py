@@ -39,7 +39,7 @@ def read_header(path: Path) -> Header:
     head = _read(path, 0, max(_PLACES))
     for size, places in _PLACES.items():
         for order in "<>":
-            if struct.unpack_from(f"{order}i", head)[0] == size:
+            if len(head) >= size and struct.unpack_from(f"{order}i", head)[0] == size:
                 spacing, (code,), (offset,) = (
                     struct.unpack_from(order + kind, head, place) for place, kind in places
                 )

@@ -71,7 +71,7 @@ class Anatomy(abc.ABC):
                 not in it.
         """
         path = Path(path).resolve()
-        volume = _keep(str(path), read(path))
+        volume = _keep(read(path))
         anatomy = cls(path=str(path), digest=volume.digest, target=target or Pose(), **settings)
         anatomy.placement.check(volume, anatomy.width_mm, anatomy.depth_mm)
         if target is not None:
@@ -129,13 +129,14 @@ class Anatomy(abc.ABC):
         """
 
 
-# The last volumes that were read, by path and digest: not in an anatomy, whose pickle is its configuration.
-_kept: dict[tuple[str, str], Volume] = {}
+# The last volumes that were read, by digest, wherever the file is: not in an anatomy, whose pickle is its
+# configuration.
+_kept: dict[str, Volume] = {}
 _N_KEPT = 2
 
 
 def _volume(path: str, digest: str) -> Volume:
-    if (kept := _kept.get((path, digest))) is not None:
+    if (kept := _kept.get(digest)) is not None:
         return kept
     volume = read(path)
     if volume.digest != digest:
@@ -143,14 +144,14 @@ def _volume(path: str, digest: str) -> Volume:
             f"the volume {path!r} has been changed: its digest must be {digest[:16]}, not "
             f"{volume.digest[:16]}."
         )
-    return _keep(path, volume)
+    return _keep(volume)
 
 
-def _keep(path: str, volume: Volume) -> Volume:
-    """Keep a volume for all anatomies of the file at `path`, its arrays read-only; return it."""
+def _keep(volume: Volume) -> Volume:
+    """Keep a volume for all anatomies of it, its arrays read-only; return it."""
     for array in (volume.voxels, volume.spacing_mm, volume.origin_mm, volume.directions):
         array.flags.writeable = False
-    _kept[path, volume.digest] = volume
+    _kept[volume.digest] = volume
     for oldest in list(_kept)[:-_N_KEPT]:
         _kept.pop(oldest, None)
     return volume

@@ -64,10 +64,9 @@ def _observed(
 ) -> tuple[Floats, Ints]:
     """Return features of all frames (n, n_blocks), and their class with ideal eyes (n,)."""
     values, classes = [], []
-    place = {(target.x_mm, target.angle_deg): k for k, target in enumerate(known.targets)}
     for phantom, store in zip(phantoms, stores, strict=True):
         target = phantom.target
-        column = place[target.x_mm, target.angle_deg % 180]
+        column = known.places[target.x_mm, target.angle_deg % 180]
         for row, pose in enumerate(known.task.states):
             values.append(features(store.frame(pose), target.focal_depth_mm))
             classes.append(int(known.seen[row, column]))

@@ -48,6 +48,11 @@ class Hypotheses:
     seen: Ints
 
     @cached_property
+    def places(self) -> dict[tuple[int, int], int]:
+        """The number of each target by its position in mm and its angle in degrees."""
+        return {(target.x_mm, target.angle_deg): k for k, target in enumerate(self.targets)}
+
+    @cached_property
     def rewards(self) -> npt.NDArray[np.float64]:
         """The normalised reward of being there, (n_hypotheses,)."""
         return np.array(

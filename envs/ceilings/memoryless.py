@@ -13,6 +13,7 @@ from itertools import product
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import softmax
 
 from usbench.envs.ceilings.hypotheses import Hypotheses, Ints
 
@@ -90,10 +91,10 @@ def found_return(past: Histories, n_steps: int, rng: np.random.Generator, n_upda
     logits = rng.normal(0.0, 1.0, (n_observations, n_actions))
     step, best, kept = _FIRST_STEP, -np.inf, logits
     for _ in range(n_updates):
-        mean_return, gradient = _evaluated(past, n_steps, _probabilities(logits))
+        mean_return, gradient = _evaluated(past, n_steps, softmax(logits, axis=1))
         if mean_return < best - 1e-9:  # a step too far: back, and shorter ones
             logits, step = kept, step / 4
-            mean_return, gradient = _evaluated(past, n_steps, _probabilities(logits))
+            mean_return, gradient = _evaluated(past, n_steps, softmax(logits, axis=1))
         best, kept = mean_return, logits
         logits = logits + step * gradient
         logits -= logits.max(axis=1, keepdims=True)
@@ -128,9 +129,3 @@ def _evaluated(past: Histories, n_steps: int, policy: Floats) -> tuple[float, Fl
         met = np.asarray(np.bincount(after.ravel(), flow.ravel(), len(met)), dtype=np.float64)
     mean_return = float(values[0][past.starts].mean())
     return mean_return, advantages / np.maximum(weights, 1e-12)[:, np.newaxis]
-
-
-def _probabilities(logits: Floats) -> Floats:
-    """Return the softmax of every row."""
-    powers = np.exp(logits - logits.max(axis=1, keepdims=True))
-    return np.asarray(powers / powers.sum(axis=1, keepdims=True))

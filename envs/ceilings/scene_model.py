@@ -67,7 +67,7 @@ class SceneModel:
     def look(self, infos: Sequence[Mapping[str, Any]]) -> Ints:
         """Return how the object looks where `infos` say, (n,): the truth, for training."""
         states = [self.task.indices[self.task.pose(one)] for one in infos]
-        targets = [self._places[one["target_x_mm"], one["target_angle_deg"] % 180] for one in infos]
+        targets = [self._known.places[one["target_x_mm"], one["target_angle_deg"] % 180] for one in infos]
         return self.looks[states, targets]
 
     def states(self, senses: npt.NDArray[np.float32]) -> Ints:
@@ -78,10 +78,6 @@ class SceneModel:
     @cached_property
     def _known(self) -> Hypotheses:
         return hypotheses.of_distribution(self.task, self.phantoms)
-
-    @cached_property
-    def _places(self) -> dict[tuple[int, int], int]:
-        return {(target.x_mm, target.angle_deg): k for k, target in enumerate(self._known.targets)}
 
     @cached_property
     def _senses(self) -> sensing.Senses:

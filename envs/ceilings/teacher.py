@@ -218,15 +218,11 @@ class Teacher:
         return np.array(
             [
                 known.task.indices[Pose(one["x_mm"], depth, one["angle_deg"])] * len(known.targets)
-                + self._places[one["target_x_mm"], one["target_angle_deg"] % 180]
+                + self.known.places[one["target_x_mm"], one["target_angle_deg"] % 180]
                 for one in infos
             ],
             dtype=np.int64,
         )
-
-    @cached_property
-    def _places(self) -> dict[tuple[int, int], int]:
-        return {(target.x_mm, target.angle_deg): k for k, target in enumerate(self.known.targets)}
 
     def _with_depth(self, belief: Ints, knew: npt.NDArray[np.bool_], infos: Infos) -> Ints:
         """Return beliefs with what is known of the focus; `knew` says whether the object was seen before."""

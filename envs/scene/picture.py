@@ -127,7 +127,7 @@ def _frame_scale(imaging: Imaging) -> float:
 def _frame_size(imaging: Imaging) -> tuple[int, int]:
     """Return height and width of the enlarged frame, pixels."""
     scale = _frame_scale(imaging)
-    return round(1e3 * imaging.depth * scale), max(2, 2 * round(1e3 * imaging.width * scale / 2))
+    return max(1, round(1e3 * imaging.depth * scale)), max(2, 2 * round(1e3 * imaging.width * scale / 2))
 
 
 @lru_cache(maxsize=8)

@@ -7,6 +7,7 @@ from dataclasses import replace
 from usbench.envs.guidance import GuidanceEnv
 from usbench.envs.pose import Move, Pose, sin_deg
 from usbench.envs.task import Action, Task
+from usbench.envs.tasks.focal_point import distance_mm
 from usbench.envs.tasks.probe_plane import PROBE_PLANE
 
 
@@ -15,11 +16,6 @@ def reward(pose: Pose, target: Pose, kind: str) -> float:
     lateral, axial = abs(pose.x_mm - target.x_mm), abs(pose.focal_depth_mm - target.focal_depth_mm)
     sine = abs(sin_deg(pose.angle_deg - target.angle_deg))
     return -(lateral / 20 + axial / 50 + sine) if kind == "normalized" else -(lateral + axial + sine)
-
-
-def distance_mm(pose: Pose, target: Pose) -> float:
-    """Return the L1 distance of the focal point to the object's centre."""
-    return float(abs(pose.x_mm - target.x_mm) + abs(pose.focal_depth_mm - target.focal_depth_mm))
 
 
 def is_success(pose: Pose, target: Pose) -> bool:

@@ -13,7 +13,8 @@ from usbench.envs.tasks.focal_point import FOCAL_POINT
 from usbench.envs.tasks.phantom_distribution import PhantomDistribution, phantom_number
 from usbench.envs.tasks.probe_plane import PROBE_PLANE
 
-# Phantoms of a fixed set whose frames stay in memory: 0.8 MB each, once all poses are known.
+# Phantoms of a fixed set whose frames stay in memory: 0.8 MB each, once all poses of `pp` are known, and
+# up to 14 MB in an examination.
 KEPT = 4096
 
 

@@ -108,6 +108,13 @@ def test_the_card_names_the_command_that_makes_the_data_set_again(place):
     assert command in (folder / minari_files.CARD).read_text()
 
 
+def test_the_command_on_the_card_is_exact(place, finished, tmp_path):
+    trial = finished.rename(tmp_path / "my trial")
+    _, folder = minari_files.write("pp", str(trial), 1, noise=1 / 3, seed=3)
+    command = f"--agent '{trial}' --episodes 1 --noise 0.3333333333333333 --seed 3\n"
+    assert command in (folder / minari_files.CARD).read_text()
+
+
 @pytest.mark.parametrize(("task", "draws"), [("pp", False), ("pp-random", True)])
 def test_the_card_says_whether_evaluations_have_its_phantom(task, draws):
     def played(seed, action=0):

@@ -232,6 +232,21 @@ def test_refuses_a_single_line_at_nan():
         bmode(np.ones((100, 1)), FS, [math.nan])
 
 
+@pytest.mark.parametrize("lines", [LINES + 1j, [str(line) for line in LINES]], ids=["complex", "texts"])
+def test_refuses_lines_that_are_no_real_numbers(lines):
+    with pytest.raises(ValueError, match="line_positions must be real numbers"):
+        bmode(np.ones((100, 64)), FS, lines)
+
+
+def test_the_slowest_array_that_there_may_be_makes_a_frame():
+    slow = LinearArray(center_frequency=1e5)
+    assert slow.iq_sampling_frequency < 1e6
+    pixels = simulated_bmode(np.ones((40, slow.n_lines), np.complex64), slow)
+    assert pixels.shape == (90, 40) and pixels.max() == 255
+    with pytest.raises(ValueError, match=r"sampling_frequency .* not 40: did you mean 4e7 \(40 MHz\)\?"):
+        bmode(np.ones((100, 64)), 40, LINES)
+
+
 @pytest.mark.parametrize("value", [0, -1.0, math.nan, math.inf])
 @pytest.mark.parametrize("name", ["sampling_frequency", "speed_of_sound"])
 def test_refuses_rates_and_speeds(name, value):

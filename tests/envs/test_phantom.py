@@ -161,6 +161,8 @@ def test_arrays_are_read_only_and_a_pickle_is_small(phantom):
         ),
         ({"object_of_interest": None}, TypeError, "must be an ObjectOfInterest"),
         ({"width_mm": 20}, ValueError, "the object must lie inside the phantom"),
+        ({"width_mm": 1e308, "height_mm": 1e308}, ValueError, r"at most 1e\+07 scatterers, .*, not inf"),
+        ({"tissue_density_per_mm3": 100}, ValueError, r"at most 1e\+07 scatterers, .*, not 5.76e\+07"),
     ],
 )
 def test_a_bad_phantom_is_refused(configuration, error, message):

@@ -2,6 +2,8 @@
 
 import math
 import re
+import reprlib
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -48,10 +50,11 @@ def test_refuses_a_focal_depth_in_mm():
         simulate_rf([(0, 0, 50e-3)], [1.0], ARRAY, 30)
 
 
-@pytest.mark.parametrize("focal_depth", [0, -0.01, math.nan, math.inf, 0.51])
+@pytest.mark.parametrize("focal_depth", [0, -0.01, math.nan, math.inf, 0.51, Fraction(51, 100), 10**400])
 def test_refuses_focal_depths(focal_depth):
-    with pytest.raises(ValueError, match=rf"^focal_depth must be in \(0, 0.5\] m, not {focal_depth}\.$"):
+    with pytest.raises(ValueError) as refused:
         simulate_rf([(0, 0, 50e-3)], [1.0], ARRAY, focal_depth)
+    assert str(refused.value) == f"focal_depth must be in (0, 0.5] m, not {reprlib.repr(focal_depth)}."
 
 
 @pytest.mark.parametrize("max_depth", [0, -0.1, math.nan, 90])

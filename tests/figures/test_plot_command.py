@@ -66,6 +66,17 @@ def test_a_damaged_trial_is_left_out_and_the_others_are_drawn(finished, tmp_path
     assert f"left out: {broken}" in shown.err
 
 
+def test_a_trial_whose_first_evaluation_is_torn_is_left_out(finished, tmp_path, capsys):
+    torn = shutil.copytree(finished, finished.with_name("pp-p0.5-vpg-s1-00000000"))
+    state = read_state(torn)
+    state["status"], state["config"]["seed"] = "running", 1
+    write_state(torn, state)
+    (torn / "evaluations.jsonl").write_text('{"episode": 0, "re')
+    assert cli.main(["plot", str(finished), str(torn), "--out", str(tmp_path / "drawn")]) == 0
+    shown = capsys.readouterr().out
+    assert f"learning_curve_{finished.name}.png" in shown and torn.name not in shown
+
+
 def test_a_folder_that_cannot_be_written_is_refused_before_the_work(finished, tmp_path, monkeypatch):
     def refuse(**_):
         raise PermissionError(13, "Permission denied")

@@ -136,6 +136,8 @@ def test_a_frame_of_points_shows_all_of_them():
     assert (imaging.width, imaging.depth) == pytest.approx((40e-3, 34e-3))
     deepest = PointScatterers([(0, 0, 0.5)], [1.0])
     assert imaging_of(Source(deepest)).depth == pytest.approx(0.5)
+    for pixel_mm in (0.3, 0.35, 0.9):  # whole pixels end before the largest depth
+        assert 0 <= 0.5 - imaging_of(Source(deepest), pixel_mm=pixel_mm).depth < pixel_mm * 1e-3
 
 
 @pytest.mark.parametrize(

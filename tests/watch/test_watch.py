@@ -213,6 +213,12 @@ def test_table_has_a_row_for_every_step(finished, capsys, monkeypatch):
     assert len(rows) == 18 and "%" in rows[0] and rows[-1] == "advice for the next: probability of the action"
 
 
+def test_a_table_goes_where_the_console_writes(finished, capsys):
+    file = io.StringIO()
+    terminal.show(selection.choose(finished, [0]), Console(file=file))
+    assert "advice for the next" in file.getvalue() and capsys.readouterr().out == ""
+
+
 def test_table_fits_80_columns_with_whole_numbers(quick):
     names = replay.action_names(Setting(task="pp"))
     advice = Advice((0.01,) * (len(names) - 1) + (0.96,))

@@ -1,5 +1,6 @@
 """The card of a data set: what is in it, who acted, and what it is not good for."""
 
+import shlex
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 
@@ -33,8 +34,10 @@ def text(
 ) -> str:
     """Return the card as Markdown; `agent` and `seed` are those that `minari_files.write` was given."""
     who = list(dict.fromkeys(episode.agent for episode in played))
-    noise = f" --noise {setting.noise:g}" if setting.noise else ""
-    options = f"--task {setting.task} --agent {agent} --episodes {len(played)}{noise} --seed {seed}"
+    noise = f" --noise {setting.noise!r}" if setting.noise else ""
+    options = (
+        f"--task {setting.task} --agent {shlex.quote(agent)} --episodes {len(played)}{noise} --seed {seed}"
+    )
     n_steps = sum(len(episode.actions) for episode in played)
     draws = setting.row.phantoms > 0
     # Where phantoms are drawn, every seed has its own.

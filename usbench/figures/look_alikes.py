@@ -14,10 +14,7 @@ Floats = npt.NDArray[np.float64]
 
 def similarity(frames: npt.NDArray[np.uint8]) -> Floats:
     """Return the correlation of every frame with every other, (n, n), from frames (n, height, width)."""
-    pixels = frames.reshape(len(frames), -1).astype(np.float64)
-    pixels -= pixels.mean(axis=1, keepdims=True)
-    pixels /= np.linalg.norm(pixels, axis=1, keepdims=True)
-    return np.asarray(pixels @ pixels.T)
+    return np.asarray(np.corrcoef(frames.reshape(len(frames), -1)))
 
 
 def conflicts(task: Task) -> npt.NDArray[np.bool_]:

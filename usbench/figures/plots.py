@@ -63,7 +63,8 @@ def _readable(folder: Path, strictly: bool) -> Trial | None:
         return None
     try:
         trial = Trial.read(folder.resolve())
-        trial.evaluations()
+        if trial.evaluations().empty:  # of one that was killed, or is being written
+            return None
     except ValueError:
         if strictly:
             raise

@@ -46,7 +46,7 @@ def figure(taken: Snapshot) -> Figure:
             "◀ focus", (right, pose.focal_depth_mm), xytext=(2, 0), textcoords="offset points",
             color="#d55e00", fontsize=9, va="center", annotation_clip=False,
         )  # fmt: skip
-    axes.set_title(_title(taken), fontsize=10)
+    axes.set_title(_title(taken), fontsize=10, parse_math=False)
     return drawn
 
 

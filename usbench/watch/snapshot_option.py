@@ -142,12 +142,9 @@ def imaging_of(source: Source, pixel_mm: Any = None, median_size: Any = None) ->
             imaging = replace(imaging, median_size=median_size)
         if pixel_mm is not None:
             size = number("pixel_mm", pixel_mm, low=PIXEL_MM[0], high=PIXEL_MM[1]) * 1e-3
-            imaging = replace(
-                imaging,
-                pixel_size=size,
-                height_px=max(round(depth / size), 1),
-                width_px=max(round(width / size), 1),
-            )
+            most = math.floor(MOST_SIZE / size * (1 + 1e-9))
+            height_px, width_px = (min(max(round(side / size), 1), most) for side in (depth, width))
+            imaging = replace(imaging, pixel_size=size, height_px=height_px, width_px=width_px)
     return imaging
 
 

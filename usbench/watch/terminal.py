@@ -42,8 +42,8 @@ def show(selection: Selection, console: Console | None = None) -> None:
         if console.is_terminal:
             _live(selection, episode, console)
         else:
-            print(textwrap.fill(selection.title(episode), console.width))
-            print(table(selection.moments(episode), selection.names, console.width))
+            print(textwrap.fill(selection.title(episode), console.width), file=console.file)
+            print(table(selection.moments(episode), selection.names, console.width), file=console.file)
 
 
 def table(moments: Iterable[Moment], names: Sequence[str], width: int = 80) -> str:

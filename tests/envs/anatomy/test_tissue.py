@@ -61,6 +61,15 @@ def test_a_file_that_changed_is_never_taken_for_what_it_was(tmp_path):
         dataclasses.replace(recording, digest="1" * 64).recorded_frame(Pose(), *SHAPE)
 
 
+def test_a_moved_file_is_known_by_its_content(tmp_path):
+    path = write(tmp_path / "image.mha", np.full((90, 80, 80), 100, np.uint8))
+    recording = Recording.read(path)
+    moved = path.rename(tmp_path / "moved.mha")
+    Recording.read(moved)
+    Recording.read(write(tmp_path / "other.mha", np.full((90, 80, 80), 101, np.uint8)))
+    assert recording.recorded_frame(Pose(), *SHAPE).shape == SHAPE[0]
+
+
 def test_a_file_is_read_once(tissue_file, monkeypatch):
     files = []
     monkeypatch.setattr(anatomy, "read", lambda path: files.append(path) or read(path))

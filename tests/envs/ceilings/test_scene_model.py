@@ -42,7 +42,7 @@ def test_best_actions_are_the_oracles(model):
     places = sorted((x, angle) for x in DRAWN.x_mm for angle in DRAWN.angle_deg)
     assert model.is_best.shape == (216, len(places), 5)
     policy = oracle.policy(model.task, target=Pose(-10, 50, 60))
-    place = model._places[-10, 60]
+    place = model._known.places[-10, 60]
     np.testing.assert_array_equal(model.is_best[:, place], policy.costs[0] == 0)
 
 

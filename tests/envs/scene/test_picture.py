@@ -49,6 +49,7 @@ def test_the_focal_point_is_marked_in_every_view(pose):
         (Imaging(height_px=180, width_px=80, pixel_size=0.5e-3), 450, 200),
         (Imaging(height_px=40, width_px=200), 120, 600),
         (Imaging(height_px=7, width_px=3), 450, 192),
+        (Imaging(height_px=1, width_px=2000, pixel_size=0.25e-3, median_size=1), 1, 600),
     ],
 )
 def test_a_frame_of_any_size_is_shown_to_scale(imaging, height, width):
