@@ -22,7 +22,7 @@ COMMITTED, PAGE = TOP / "leaderboard_files", TOP / "docs" / "paper.md"
 
 ABOUT = """\
 This page is written by `make paper` from the tables of the [leaderboard](../leaderboard.md) and of [how
-episodes end](failures.md); it is not edited by hand. Each sentence of the paper's results, and of
+episodes end](failures.md); it is not edited by hand. Each sentence of [the paper](cite.md)'s results, and of
 what its abstract says of them, stands beside what `{agent}` does here: the paper's algorithm with its
 Table II, {n_seeds} seeds in each cell ({seeds}; the paper has 4), {steps} training steps. Whether a
 sentence holds follows from the numbers, by the rule that stands with it. The agent here sees 4 frames at a

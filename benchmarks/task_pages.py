@@ -27,6 +27,7 @@ QUALITY = 50
 WIDTH, STILL_WIDTH = 720, 360
 # Of the gallery. The style sheet of the site lays them below each other on telephones.
 COLUMNS = 3
+CEILING = "[ceiling](../tasks.md#what-can-be-known): largest score of any policy that is told the same"
 # Of a task's docstring, what the table does not say.
 SECTIONS = ("Action Space", "Observation Space", "Rewards", "Episode End", "Arguments", "Version History")
 
@@ -50,7 +51,7 @@ def text(task: str, anchors: Anchors) -> str:
         "return of the optimum, noise 0": f"{anchors.optimal:.4f} (score 1)",
         "return of the random agent, noise 0": f"{anchors.random:.4f} (score 0)",
         "return of the idle agent, noise 0": f"{anchors.stay:.4f} (score {anchors.score(anchors.stay):.3f})",
-        "ceiling of what an agent is told": largest(task),
+        CEILING: largest(task),
         "training budget": f"{setting.row.steps:,} steps".replace(",", " "),
         "evaluation": f"{len(setting.evaluation_episodes())} episodes",
     }
@@ -129,7 +130,7 @@ def gallery() -> str:
         [
             "# All tasks",
             "One episode of the exact optimum in each task; a picture leads to the page of its task. "
-            "[The tasks](../tasks.md) says what they are about together.",
+            "The page [The tasks](../tasks.md) compares them.",
             "\n".join(f"| {' | '.join(row)} |" for row in [[""] * COLUMNS, ["---"] * COLUMNS, *rows]),
             "\n".join(["```{toctree}", ":hidden:", "", *suite.TASKS, "```"]) + "\n",
         ]

@@ -85,7 +85,13 @@ DEFAULT_IMAGING = Imaging()
 
 
 def envelope(signals: npt.ArrayLike) -> npt.NDArray[np.float32]:
-    """Return the envelope (n_samples, n_lines): |I/Q| of complex signals, |Hilbert transform| of real RF."""
+    """Return the envelope (n_samples, n_lines) of I/Q or RF, (n_samples, n_lines).
+
+    It is the magnitude of complex I/Q, and that of the analytic signal of real RF.
+
+    Raises:
+        ValueError: If the shape is another, a value is not finite, or the envelope is beyond 3.4e38.
+    """
     array = np.asarray(signals)
     if array.ndim != 2 or array.size == 0:
         raise ValueError(f"signals must have shape (n_samples, n_lines), not {array.shape}.")

@@ -62,9 +62,10 @@ def simulate_rf(
         `array.rf_sampling_frequency`. The pulse is causal: an echo starts at 2 r / c.
 
     Raises:
-        TypeError: If `array` is none, or the focal depth or the attenuation is no number.
+        TypeError: If `array` is no `LinearArray`, or the focal depth or the attenuation is no number.
         ValueError: If shapes are wrong, values are not finite real numbers, a scatterer or the focus is not
-            below the surface, or the attenuation is negative or above 1.
+            below the surface, positions, lines or the focus are beyond 0.5 m, amplitudes beyond 1e30, or the
+            attenuation is negative or above 1.
     """
     iq, iq_time = simulate_iq(
         positions,

@@ -1,6 +1,7 @@
 """Quick trials: frames drawn instead of simulated, and a handful of evaluation episodes."""
 
 import gc
+import importlib.util
 import os
 import shutil
 import signal
@@ -13,6 +14,9 @@ from quick_trials import speed_up
 signal.signal(signal.SIGINT, signal.default_int_handler)
 # Trials are trained on the CPU wherever they are, and so are the agents that tests make by themselves.
 os.environ["CUDA_VISIBLE_DEVICES"] = ""
+# Figures are compared to the byte, whatever style the user's own matplotlibrc has.
+(_MATPLOTLIB,) = importlib.util.find_spec("matplotlib").submodule_search_locations
+os.environ["MATPLOTLIBRC"] = os.path.join(_MATPLOTLIB, "mpl-data", "matplotlibrc")
 
 
 def pytest_collection_finish():

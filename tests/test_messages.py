@@ -15,6 +15,7 @@ LIBRARY = sorted(
 )
 # Dask's own, of its workers.
 FOREIGN = {"--nthreads"}
+TELLING = ("tell", "warn", "warning", "info", "announce")
 
 
 def told(path):
@@ -22,7 +23,7 @@ def told(path):
     for node in ast.walk(ast.parse(path.read_text())):
         called = getattr(node, "func", None)
         name = getattr(called, "id", getattr(called, "attr", ""))
-        if isinstance(node, ast.Call) and (name.endswith("Error") or name in ("tell", "warning")):
+        if isinstance(node, ast.Call) and (name.endswith("Error") or name in TELLING):
             for part in ast.walk(node):
                 if isinstance(part, ast.Constant) and isinstance(part.value, str):
                     yield part.value
@@ -30,5 +31,5 @@ def told(path):
 
 @pytest.mark.parametrize("path", LIBRARY, ids=lambda path: str(path.relative_to(ROOT)))
 def test_messages_of_the_library_name_no_option(path):
-    named = {option for text in told(path) for option in re.findall(r"(?<!\S)--[a-z][a-z-]*", text)}
+    named = {option for text in told(path) for option in re.findall(r"(?<![\w-])--[a-z][a-z-]*", text)}
     assert named <= FOREIGN

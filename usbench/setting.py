@@ -367,6 +367,9 @@ def of_any_version() -> Iterator[None]:
 def make_env(task: str, *, render_mode: str | None = None, **setting: Any) -> gym.Env[Any, Any]:
     """Make the environment that every algorithm sees; `setting` holds other attributes of a `Setting`.
 
+    Observations are float32 images (height_px, width_px, n_frames), the oldest frame first, in units of
+    (grey level - 46.5) / 52.9; with senses they are dictionaries of `image` and `senses`.
+
     Raises:
         ConfigurationError: If a value is not allowed; one sentence says which.
     """

@@ -93,8 +93,8 @@ def noise(known: Results) -> Sentence:
         "Increasing the likelihood of noise impacts the trend of a learning curve, especially for the PP "
         "task",
         "The rise of the return of training episodes, from the first to the last tenth, is smaller with "
-        f"most noise (here {most:g}) than without on both tasks, and loses more on `pp`. Each of these three "
-        "is decided only if its 95 % interval leaves out 0; otherwise it cannot be told.",
+        f"most noise (here {most:g}) than without on `fp` and on `pp`, and `pp` loses more. Each of these "
+        "three has to have a 95 % interval above 0; where an interval holds 0, it cannot be told.",
         of_intervals((fp, pp, more)),
         f"Of the rise without noise, {said[0]} % are lost on `fp` and {said[1]} % on `pp`; the difference, "
         f"`pp` less `fp`, is {said[2]} percentage points (seeds resampled within each cell).\n\n"

@@ -84,7 +84,8 @@ class ExaminationEnv(GuidanceEnv):
     ## Rewards
     For the pose after the action and before the noise: `"normalized"`: -(|x - x_o| / 20 + |z - z_o| / 50 +
     |sin(angle - angle_o)|); `"paper"`: the same with both distances in mm.
-    `"image"`: how much the frame looks like the standard view of the object, less 1 (`image_reward.py`);
+    `"image"`: how similar the frame is to the standard view of the object, from -1 to 1, less 1
+    (`envs/image_reward.py`);
     `info` then also holds `true_reward`, the normalized one.
 
     ## Episode End

@@ -66,7 +66,8 @@ class FocalPointEnv(GuidanceEnv):
     ## Rewards
     For the pose after the action and before the noise, with x_o and z_o the object's: `"normalized"`: -(|x -
     x_o| / 20 + |z - z_o| / 50); `"paper"`, Eq. 1: -(|x - x_o| + |z - z_o|), in mm.
-    `"image"`: how much the frame looks like the standard view of the object, less 1 (`image_reward.py`);
+    `"image"`: how similar the frame is to the standard view of the object, from -1 to 1, less 1
+    (`envs/image_reward.py`);
     `info` then also holds `true_reward`, the normalized one.
 
     ## Episode End

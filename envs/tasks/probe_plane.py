@@ -69,7 +69,8 @@ class ProbePlaneEnv(GuidanceEnv):
     For the pose after the action and before the noise, with x_o and angle_o the object's: `"normalized"`:
     -(|x - x_o| / 20 + |sin(angle - angle_o)|); `"paper"`, Eq. 2: -(|x - x_o| + |sin(angle - angle_o)|), x in
     mm.
-    `"image"`: how much the frame looks like the standard view of the object, less 1 (`image_reward.py`);
+    `"image"`: how similar the frame is to the standard view of the object, from -1 to 1, less 1
+    (`envs/image_reward.py`);
     `info` then also holds `true_reward`, the normalized one.
 
     ## Episode End

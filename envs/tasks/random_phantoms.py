@@ -161,8 +161,8 @@ class ProbePlaneTrackedEnv(ProbePlaneRandomEnv):
 
     ## Description
     The task of `ProbePlaneRandomEnv`, and the agent is told where its probe is and how it is turned, as
-    trackers tell it in practice. One frame of that task is the frame of four poses that need opposite
-    actions; together with the probe's heading, it nearly tells which one of them.
+    trackers tell it in practice. But for speckle, one frame of that task looks the same from four
+    poses, which need opposite actions; the probe's heading nearly tells which of them it is.
 
     ## Action Space
     As in `ProbePlaneRandomEnv`.

@@ -1,6 +1,7 @@
 """`usbench compare` and `usbench search`: what is planned, written, refused, and the exit statuses."""
 
 import shutil
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -250,6 +251,17 @@ def test_agents_that_are_told_other_things_are_in_the_table_of_unseen_phantoms(h
     assert row.endswith(f"| {ceiling('pp-tracked', ['heading']):.3f} | {own} |")
     assert list(pd.read_csv("scores.csv")["table"].unique()) == ["unseen-phantoms"]
     assert list(tables.read(Path("leaderboard_files")).trials["trial"]) == [kept]
+
+
+@pytest.mark.parametrize("command", [["compare", *FLOOR[:-2]], ["search", "--algo", "vpg"]])
+def test_as_many_trials_run_at_a_time_as_threads_are_allowed(tmp_path, monkeypatch, command):
+    asked = []
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("USBENCH_THREADS", "3")
+    monkeypatch.setattr(sweep, "run", lambda *_, jobs, **__: asked.append(jobs) or sys.exit(0))
+    with pytest.raises(SystemExit):
+        cli.main([*command, "--quiet"])
+    assert asked == [3]
 
 
 def test_trials_of_a_folder_are_added_to_the_tables(finished, no_figures, tmp_path, capsys):

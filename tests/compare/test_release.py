@@ -165,12 +165,12 @@ def test_a_hyperparameter_stands_on_a_card_as_the_command_takes_it(value, said):
     assert model_card.as_set(value) == said
 
 
-def test_a_trial_without_others_is_called_the_only_one(runs, tmp_path):
+def test_a_trial_without_others_is_called_the_one_of_which_the_package_was_made(runs, tmp_path):
     trial = could_be_released(runs)[0]
     folder = release.write([trial.folder], tmp_path / "made")[0]
     assert (
-        "\n\nThere was only this one trial (seed 0, of the pool for development).\n\n"
-        in (folder / released.CARD).read_text()
+        "\n\nThe package was made from this one trial (seed 0, of the pool for development). The leaderboard "
+        "has " in (folder / released.CARD).read_text()
     )
 
 

@@ -165,15 +165,21 @@ def test_interrupted_sweep_keeps_the_state_of_its_trials(quick, tmp_path):
     config = resolve("vpg", "pp", steps=100_000)
     executor = functools.partial(sweep.processes, sweep_worker.quick)
 
+    ended = threading.Event()
+
     def interrupt_when_it_runs():
-        for _ in range(1200):
+        while not ended.wait(0.1):
             if list(tmp_path.glob("*/episodes.jsonl")):
                 return os.kill(os.getpid(), signal.SIGINT)
-            time.sleep(0.1)
 
-    threading.Thread(target=interrupt_when_it_runs, daemon=True).start()
-    with pytest.raises(KeyboardInterrupt):
-        run([config], tmp_path, executor)
+    interrupting = threading.Thread(target=interrupt_when_it_runs)
+    interrupting.start()
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            run([config], tmp_path, executor)
+    finally:
+        ended.set()
+        interrupting.join()
     assert read_state(tmp_path / config.folder_name)["status"] == "interrupted"
     assert not multiprocessing.active_children()
 

@@ -16,6 +16,7 @@ from usbench.checks import ConfigurationError
 from usbench.datasets import card, episodes, minari_files
 from usbench.datasets.episodes import Played
 from usbench.envs.probe import LinearArray
+from usbench.envs.tasks.phantom_distribution import FIRST_HELD_OUT
 from usbench.records import Trial
 from usbench.setting import Setting
 
@@ -113,6 +114,14 @@ def test_the_command_on_the_card_is_exact(place, finished, tmp_path):
     _, folder = minari_files.write("pp", str(trial), 1, noise=1 / 3, seed=3)
     command = f"--agent '{trial}' --episodes 1 --noise 0.3333333333333333 --seed 3\n"
     assert command in (folder / minari_files.CARD).read_text()
+
+
+def test_phantoms_of_evaluations_are_in_no_data_set(place):
+    name, _ = minari_files.write("pp-random", "random", 20, seed=3)
+    dataset = minari.load_dataset(name)
+    env, known = dataset.recover_environment(), dataset.storage.get_episode_metadata(range(20))
+    numbers = [env.reset(seed=int(episode["seed"]))[1]["phantom"] for episode in known]
+    assert len(set(numbers)) == 20 and max(numbers) < FIRST_HELD_OUT
 
 
 @pytest.mark.parametrize(("task", "draws"), [("pp", False), ("pp-random", True)])

@@ -90,20 +90,24 @@ def shown(browser, runs, **session):
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
         thread.start()
         desk.start(lambda tell: Session(runs, tell=tell, **session))
-        with browser.new_page(viewport={"width": 1280, "height": 800}) as page:
-            page.set_default_timeout(PATIENCE_MS)
-            url = guide_server.address(listener, TOKEN)
-            page.problems, page.origin = [], url.partition("?")[0]
-            page.on("pageerror", lambda error: page.problems.append(str(error)))
-            page.on("console", lambda message: message.type == "error" and page.problems.append(message.text))
-            page.on("request", lambda request: check_origin(page, request.url))
-            page.goto(url)
-            expect(page.get_by_text("Step 0 of 16")).to_be_visible()
-            yield page
-            assert page.problems == []
-        server.should_exit = True
-        desk.close()
-        thread.join()
+        try:
+            with browser.new_page(viewport={"width": 1280, "height": 800}) as page:
+                page.set_default_timeout(PATIENCE_MS)
+                url = guide_server.address(listener, TOKEN)
+                page.problems, page.origin = [], url.partition("?")[0]
+                page.on("pageerror", lambda error: page.problems.append(str(error)))
+                page.on(
+                    "console", lambda message: message.type == "error" and page.problems.append(message.text)
+                )
+                page.on("request", lambda request: check_origin(page, request.url))
+                page.goto(url)
+                expect(page.get_by_text("Step 0 of 16")).to_be_visible()
+                yield page
+                assert page.problems == []
+        finally:  # else a test that fails never ends
+            server.should_exit = True
+            desk.close()
+            thread.join()
 
 
 def check_origin(page, url):

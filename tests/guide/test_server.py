@@ -59,10 +59,12 @@ def serving(make):
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
         thread.start()
         work.start(make, failed=lambda: setattr(server, "should_exit", True))
-        yield guide_server.address(listener, TOKEN).partition("?")[0]
-        server.should_exit = True
-        work.close()
-        thread.join()
+        try:
+            yield guide_server.address(listener, TOKEN).partition("?")[0]
+        finally:  # else a test that fails never ends
+            server.should_exit = True
+            work.close()
+            thread.join()
 
 
 def ask(url, body=None, token=TOKEN, **headers):

@@ -185,7 +185,7 @@ def test_anchors_that_differ_by_less_than_is_shown_are_the_same():
 def test_agent_outside_the_table_of_all_cells_is_explained():
     known = made(*seeds("vpg", [0.5, 0.6]), *seeds("vpg", [0.5, 0.6], task="pp"), trial("ppo", 0.9))
     assert (
-        "`ppo` is not in the table of all cells: no finished trial in pp, noise 0."
+        "`ppo` has no row that covers all cells: no finished trial in pp, noise 0."
         in leaderboard.markdown(known)
     )
 

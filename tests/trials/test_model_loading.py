@@ -342,10 +342,15 @@ def test_agent_that_cannot_be_made_is_refused(finished, imaging, said):
     assert said.format(str(finished)) in refusal(finished)
 
 
-@pytest.mark.parametrize("text", ["", "[]", "{}", '{"config": 3}', "no JSON", "[" * 100_000])
+@pytest.mark.parametrize("text", ["", "[]", '{"config": 3}', "no JSON", "[" * 100_000])
 def test_broken_record_is_refused(finished, text):
     (finished / records.TRIAL).write_text(text)
-    assert "record" in refusal(finished)
+    assert "is not a trial record" in refusal(finished)
+
+
+def test_the_record_of_a_trial_that_was_killed_in_its_first_moment_is_refused(finished):
+    (finished / records.TRIAL).write_text("{}")
+    assert refusal(finished).endswith("is not the folder of a trial: its trial.json holds none.")
 
 
 def test_record_and_what_is_asked_for_must_agree(finished):

@@ -2,7 +2,7 @@
 
 import hashlib
 import io
-import pickle
+import os
 import shutil
 from pathlib import Path
 
@@ -35,7 +35,8 @@ def broken(path):
     [
         broken,
         lambda path: path.unlink(),
-        lambda path: seal(path, pickle.dumps(Malicious())),
+        # A file that a careless reader would open.
+        lambda path: seal(path, saved({"agent": Malicious(path.parents[2] / "ran")})),
         lambda path: change(path, agent={}),
         lambda path: change(path, environment={"origin": 1, "actions": [], "n_steps": 32}),
     ],
@@ -47,7 +48,7 @@ def test_broken_checkpoint_is_passed_over_for_the_one_before(undisturbed, killed
     there = newest.exists()
     assert go_on(killed) == int(older.stem) + 1
     assert caplog.text.count("passed over") == there
-    assert not Malicious.done
+    assert not (killed.parent / "ran").exists()
     assert trials.bits(killed) == trials.bits(undisturbed("vpg"))
 
 
@@ -73,10 +74,11 @@ def test_file_that_is_no_checkpoint_is_passed_over(tmp_path, caplog, damage):
 class Malicious:
     """What a stranger may put into a file."""
 
-    done: list[int] = []
+    def __init__(self, path):
+        self.path = path
 
     def __reduce__(self):
-        return Malicious.done.append, (1,)
+        return os.mkdir, (str(self.path),)
 
 
 def saved(content):

@@ -1,4 +1,4 @@
-"""Trials of machines or versions that differ are told of (the same bits everywhere: test_cluster.py)."""
+"""Trials of machines or versions that differ are told of (the same bits everywhere: test_dask_cluster.py)."""
 
 from quick_trials import DrawnFrames
 from state_files import read_state

@@ -128,9 +128,12 @@ def existing(runs: Path, names: Collection[str] = ()) -> Path:
 
 def no_trial(folder: Path) -> ConfigurationError:
     """Return the error for a `folder` that holds no trial, or that is not there."""
-    why = (
-        f"no {TRIAL} in it" if folder.is_dir() else "it is a file" if folder.exists() else "it does not exist"
-    )
+    if (folder / TRIAL).is_file():  # of one that was killed in its first moment
+        why = f"its {TRIAL} holds none"
+    elif folder.is_dir():
+        why = f"no {TRIAL} in it"
+    else:
+        why = "it is a file" if folder.exists() else "it does not exist"
     return ConfigurationError(f"{str(folder)!r} is not the folder of a trial: {why}.")
 
 

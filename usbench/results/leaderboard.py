@@ -43,12 +43,12 @@ The normalised score is (return - random) / (optimal - random), with exact ancho
 1 the optimum. It is the interquartile mean (IQM) over seeds after the last training step, with the 95 %
 stratified bootstrap interval; such intervals are too narrow with few seeds (docs/comparison.md says how
 much). All agents meet the same evaluation episodes with the same draws of noise, and the intervals are
-for these. Scores 0 and 1 are expected returns over all draws of noise. With the draws of these episodes
-the optimum has the score of the row `oracle`, which is not always 1, and the random agent that of the row
-`random`, so that an agent can have a higher score than the oracle. Every agent takes its greedy action:
-the one that it finds most probable or, if it is value-based, the one that it values most; advice should
-be the best there is. The score with sampled actions stands beside it, where there are probabilities to
-draw from.
+for these. The scores 0 and 1 are those of expected returns, means over all draws of noise. With the
+draws of these episodes the optimum has the score of the row `oracle`, which is not always 1, and the
+random agent that of the row `random`, so that an agent can have a higher score than the oracle. Every
+agent takes its greedy action: the one that it finds most probable or, if it is value-based, the one that
+it values most; advice should be the best there is. The score with sampled actions stands beside it, where
+there are probabilities to draw from.
 Other columns are means over seeds and evaluation episodes, so that a single collapsed seed shows there
 rather than in the score. The plane error is counted modulo 180 degrees; success means that the last pose
 is the goal (in `setup`, that the cyst's contrast-to-noise ratio is at least 2); an episode that never
@@ -198,7 +198,7 @@ def _tuning(searched: pd.DataFrame | None) -> list[str]:
 def _notes(known: Results, tested: pd.DataFrame | None) -> list[str]:
     """Return what has to be said of trials and of rows that are not in a table, each once."""
     notes = [
-        f"{text.code(agent)} is not in the table of {name}: {why}."
+        f"{text.code(agent)} has no row that covers {name}: {why}."
         for name, own in scores.parts(known).items()
         for agent, why in sorted(scores.matrices(own)[1].items())
     ]

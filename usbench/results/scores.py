@@ -174,7 +174,7 @@ def finals(results: Results) -> tuple[dict[str, pd.DataFrame], dict[str, str]]:
         empty = [cell for cell in wanted if table[cell].isna().all()]
         table = table.dropna()
         if empty:
-            reasons[agent] = f"{NOT_IN} {', '.join(cell.name for cell in empty)}"
+            reasons[agent] = f"{NOT_IN} {'; '.join(cell.name for cell in empty)}"
         elif table.empty:
             reasons[agent] = "no seed is finished in every cell"
         else:

@@ -152,9 +152,20 @@ def test_a_good_file_of_another_table_under_this_name(made, kept):
     check_made_again(made, "its checksum is wrong")
 
 
-def test_pickled_objects_are_not_opened(made, kept):
-    np.save(kept, np.array([{"a": 1}], dtype=object), allow_pickle=True)
+class Bomb:
+    """Makes a folder when it is unpickled."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return os.mkdir, (str(self.path),)
+
+
+def test_pickled_objects_are_not_opened(made, kept, tmp_path):
+    np.save(kept, np.array([Bomb(tmp_path / "exploded")], dtype=object), allow_pickle=True)
     check_made_again(made, "")
+    assert not (tmp_path / "exploded").exists()
 
 
 def test_a_folder_that_cannot_be_written(monkeypatch, tmp_path, made):
