@@ -176,21 +176,6 @@ def test_docs_show_what_the_committed_trials_say(tmp_path):
         assert path.read_bytes() == (unseen.DOCS / path.name).read_bytes()
 
 
-def test_docs_tell_the_one_seed_of_a_million_steps():
-    (row,) = trial_table.rows(unseen.DOCS / "unseen_one_seed.csv")
-    assert (row.table, row.steps, row.seed) == ("scaling", 1_000_000, 0)
-    text = " ".join((unseen.DOCS / "agents.md").read_text().split())
-    (before,) = [
-        one
-        for one in trial_table.rows(unseen.DOCS / "unseen.csv")
-        if (one.table, one.steps, one.seed) == ("scaling", 300_000, 0)
-    ]
-    assert (
-        f"It has {row.unseen:.2f} on unseen phantoms, where it has {before.unseen:.2f} with 300 000 steps, "
-        f"and {row.known:.2f} on training phantoms"
-    ) in text
-
-
 def test_the_scaling_is_that_of_one_agent():
     assert STUDIES["scaling"].steps == (100_000, 300_000, 1_000_000)
     (only,) = STUDIES["scaling"].variants
