@@ -2,13 +2,13 @@
 
 import hashlib
 import io
-import os
 import shutil
 from pathlib import Path
 
 import pytest
 import torch
 import trials
+from bomb import Bomb
 from trials import ENDED_AT, FIRST_TOLD, Killed, Until, ended, go_on
 
 from usbench import records
@@ -36,7 +36,7 @@ def broken(path):
         broken,
         lambda path: path.unlink(),
         # A file that a careless reader would open.
-        lambda path: seal(path, saved({"agent": Malicious(path.parents[2] / "ran")})),
+        lambda path: seal(path, saved({"agent": Bomb(path.parents[2] / "ran")})),
         lambda path: change(path, agent={}),
         lambda path: change(path, environment={"origin": 1, "actions": [], "n_steps": 32}),
     ],
@@ -69,16 +69,6 @@ def test_file_that_is_no_checkpoint_is_passed_over(tmp_path, caplog, damage):
     damage(kept.paths()[0])
     assert [content for _, content in kept.read()] == [{"step": 5}]
     assert caplog.text.count("passed over") == 1
-
-
-class Malicious:
-    """What a stranger may put into a file."""
-
-    def __init__(self, path):
-        self.path = path
-
-    def __reduce__(self):
-        return os.mkdir, (str(self.path),)
 
 
 def saved(content):

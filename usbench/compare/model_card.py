@@ -139,8 +139,8 @@ def _choice(trial: Trial, rivals: Sequence[Rival]) -> str:
 def _better(trial: Trial, score: float) -> str:
     """Return a sentence where other trials of the leaderboard have a higher score on the task.
 
-    Those of agents that are told the truth while they learn do not count, nor does the paper's agent have to
-    be better than others.
+    Agents that are told the truth while they learn do not count. Of the paper's agent nothing is said: it is
+    released whether others are better or not.
     """
     if trial.config.algo == OWN:
         return ""

@@ -9,7 +9,7 @@ from usbench import seed_pools
 from usbench.results.agents import changed_hyperparameters, is_usual, named, spelled
 from usbench.results.protocol import further, unseen
 from usbench.results.scores import CELL, Cell, environments
-from usbench.results.text import code, escaped, in_lines, plain
+from usbench.results.text import code, escaped, in_lines, listed
 from usbench.tasks import row_of
 from usbench.words import network_apart
 
@@ -133,7 +133,7 @@ def _configurations(trials: pd.DataFrame) -> list[str]:
         ).astype(str)
         differing = settings.loc[:, settings.nunique() > 1]
         each = [
-            f"{code(name)} has {', '.join(plain(f'{key}={value}') for key, value in row.items()) or OTHER}"
+            f"{code(name)} has {listed(f'{key}={value}' for key, value in row.items()) or OTHER}"
             for name, row in differing.iterrows()
         ]
         found.append(
@@ -151,7 +151,7 @@ def _other_settings(trials: pd.DataFrame) -> list[str]:
         changed = [f"{key}={value}" for key, value in recorded if value is not None]
         said = trial["agent"].removeprefix(trial["algo"]).strip().split(", ")
         if not {*changed} <= {*said}:
-            found[trial["agent"], network_apart(trial["algo"])[0]][", ".join(map(plain, changed))] = None
+            found[trial["agent"], network_apart(trial["algo"])[0]][listed(changed)] = None
     return [
         f"{code(agent)} has other settings than `usbench list {algo}` shows: {'; or '.join(each)}."
         for (agent, algo), each in sorted(found.items())
@@ -163,10 +163,7 @@ def _budgets(trials: pd.DataFrame) -> list[str]:
     for task, own in named(trials[trials["steps"] > 0]).groupby("task"):
         budgets = own.groupby("steps")["agent"].unique()
         if len(budgets) > 1:
-            each = [
-                f"{steps} steps for {', '.join(map(plain, sorted(algos)))}"
-                for steps, algos in budgets.items()
-            ]
+            each = [f"{steps} steps for {listed(sorted(algos))}" for steps, algos in budgets.items()]
             found.append(f"Training budgets on {task} differ: {'; '.join(each)}.")
     return found
 
@@ -176,7 +173,7 @@ def _environments(trials: pd.DataFrame) -> list[str]:
     for cell, own in trials.assign(environment=environments(trials)).groupby(CELL):
         agents = own.groupby("environment")["algo"].unique()
         if len(agents) > 1:
-            each = [f"{', '.join(map(plain, sorted(algos)))} in {digest}" for digest, algos in agents.items()]
+            each = [f"{listed(sorted(algos))} in {digest}" for digest, algos in agents.items()]
             found.append(
                 f"Trials on {Cell(*cell).name} are from different environments (their digests): "
                 f"{'; '.join(each)}. Their scores cannot be compared."
@@ -191,7 +188,7 @@ def _seeds(trials: pd.DataFrame) -> list[str]:
         for agent, seeds in rows.groupby("agent")["seed"]:
             agents[" ".join(map(str, sorted(set(seeds))))].append(agent)
         if len(agents) > 1:
-            each = [f"{seeds} for {', '.join(map(plain, names))}" for seeds, names in sorted(agents.items())]
+            each = [f"{seeds} for {listed(names)}" for seeds, names in sorted(agents.items())]
             cells["; ".join(each)].append(Cell(*cell).name)
     return [f"Seeds differ on {' / '.join(names)}: {each}." for each, names in cells.items()]
 

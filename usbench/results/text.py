@@ -42,9 +42,10 @@ def escaped(name: str) -> str:
     return "".join(c if c.isalnum() or c in PLAIN else f"&#{ord(c)};" for c in name)
 
 
-def plain(words: str) -> str:
-    """Return words as they are; as plain text where they hold what may be markup."""
-    return escaped(words) if set(words) & set("|`<>&[]*\n\r") else words
+def listed(words: Iterable[str]) -> str:
+    """Return words with commas between them; one that holds what may be markup stands as plain text."""
+    markup = set("|`<>&[]*\n\r")
+    return ", ".join(escaped(word) if markup & set(word) else word for word in words)
 
 
 def agent(name: str, *notes: str) -> str:

@@ -273,7 +273,7 @@ def _ends(rows: pd.DataFrame) -> list[str]:
     overlaps both, or where no score is above that of the random agent.
     """
     if rows["elsewhere"].max() <= 0:
-        return ["over all noises together no score there is above that of the random agent."]
+        return ["no score there is above that of the random agent."]
     if len(rows) < 2 or rows["low"].isna().any():
         return []
     lowest, highest = (rows.loc[place] for place in (rows["elsewhere"].idxmin(), rows["elsewhere"].idxmax()))

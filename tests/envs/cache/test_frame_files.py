@@ -7,6 +7,7 @@ import warnings
 
 import numpy as np
 import pytest
+from bomb import Bomb
 from stored import POSES, SCENE, coded_scan
 
 from usbench import atomic
@@ -75,16 +76,6 @@ def test_a_good_file_of_another_scene_under_this_name(kept, scans):
     other.prepare(POSES)
     os.replace(other.path, kept)
     check_simulated_again(scans, "its checksum is wrong")
-
-
-class Bomb:
-    """Makes a folder when it is unpickled."""
-
-    def __init__(self, path):
-        self.path = path
-
-    def __reduce__(self):
-        return os.mkdir, (str(self.path),)
 
 
 def test_pickled_objects_are_not_opened(kept, scans, tmp_path):

@@ -8,6 +8,7 @@ import stat
 import numpy as np
 import numpy.typing as npt
 import pytest
+from bomb import Bomb
 
 from usbench import atomic
 from usbench.envs.cache import sources, table_files
@@ -150,16 +151,6 @@ def test_a_good_file_of_another_table_under_this_name(made, kept):
     other = next(entry.path for entry in table_files.entries() if entry.path != kept)
     os.replace(other, kept)
     check_made_again(made, "its checksum is wrong")
-
-
-class Bomb:
-    """Makes a folder when it is unpickled."""
-
-    def __init__(self, path):
-        self.path = path
-
-    def __reduce__(self):
-        return os.mkdir, (str(self.path),)
 
 
 def test_pickled_objects_are_not_opened(made, kept, tmp_path):

@@ -148,7 +148,7 @@ def section(known: pd.DataFrame) -> str:
         f"{LAST_WITH_INTERVAL} with a 95 % interval from candidates resampled, since no resample has a "
         "better candidate than the best one, and intervals for more hold the truth far too seldom "
         "(docs/comparison.md). It is the score by which candidates are chosen, so that other seeds will have "
-        f"less. In this table candidates that diverged count as 0; the search never chooses them."
+        "less. In this table candidates that diverged count as 0; the search never chooses them."
         f"{waiting} The last column is the winner's mean score in "
         "the last rung, with the whole budget and other seeds: a row that is much better there learns "
         "slowly, and that alone makes its candidates look hard to tune.\n\n"
