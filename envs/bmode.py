@@ -21,6 +21,8 @@ from usbench.envs.receiver import gain
 MOST_DB = 200
 # Of an image, m: no echo is simulated from farther away.
 MOST_SIZE = 0.5
+# Of the first sample, s: echoes come back from within `MOST_SIZE`.
+MOST_TIME = 1e-3
 MOST_PIXELS = 100_000_000
 # Edge of the median filter: beyond it OpenCV's medians of bytes are wrong, without a word.
 MOST_MEDIAN = 255
@@ -125,14 +127,15 @@ def bmode(
         signals: RF (real) or I/Q (complex), (n_samples, n_lines).
         sampling_frequency: Of `signals`, Hz.
         line_positions: Lateral positions of the lines, increasing in equal steps, (n_lines,) m.
-        time_zero: Time of the first sample after the arrival of an echo from depth 0, s; the middle of the
-            pulse counts.
+        time_zero: Time of the first sample after the arrival of an echo from depth 0, s, within 1 ms; the
+            middle of the pulse counts.
         speed_of_sound: m/s.
         imaging: Size, dynamic range and time gain compensation of the image; no noise is added here.
 
     Returns:
         (height_px, width_px) uint8; 255 is the maximum, 0 is `dynamic_range_db` below it or weaker. Black too
-        is what lies more than half a step beyond the outermost lines. A line alone fills the image's width.
+        is what lies more than half a step beyond the outermost lines and the outermost samples. A line alone
+        fills the image's width.
     """
     envelopes = envelope(signals)
     lines = real("line_positions", line_positions)
@@ -154,7 +157,7 @@ def bmode(
     positive("sampling_frequency", sampling_frequency)
     sampling_frequency = quantity("sampling_frequency", sampling_frequency, 1e5, 1e10, HERTZ)
     speed_of_sound = bounded("speed_of_sound", speed_of_sound)
-    number("time_zero", time_zero)
+    time_zero = number("time_zero", time_zero, low=-MOST_TIME, high=MOST_TIME)
     first, step = time_zero * speed_of_sound / 2, speed_of_sound / (2 * sampling_frequency)
     if imaging.tgc_db_per_cm != 0.0:
         depths = first + np.arange(len(envelopes)) * step
@@ -170,10 +173,10 @@ def bmode(
     # lines, which are therefore put there at the end.
     if imaging.median_size > 1:
         pixels = np.asarray(cv2.medianBlur(pixels, imaging.median_size))
+    pixels[_beyond(imaging.height_px, imaging.pixel_size, first, step, len(decibels))] = 0
     if len(lines) > 1:
-        centers = left + (np.arange(imaging.width_px) + 0.5) * imaging.pixel_size
-        half = spacing / 2 * (1 + 1e-9)
-        pixels[:, (centers < lines[0] - half) | (centers > lines[-1] + half)] = 0
+        edge = float(lines[0]) - left
+        pixels[:, _beyond(imaging.width_px, imaging.pixel_size, edge, spacing, len(lines))] = 0
     return np.asarray(pixels)
 
 
@@ -226,6 +229,12 @@ def log_compress(envelopes: npt.NDArray[np.float32], dynamic_range_db: float) ->
         return np.zeros_like(envelopes)
     decibels = 20.0 * np.log10(np.maximum(envelopes, floor) / floor)
     return decibels.astype(np.float32, copy=False)
+
+
+def _beyond(n_out: int, pixel_size: float, first: float, step: float, n_in: int) -> npt.NDArray[np.bool_]:
+    """Return which pixels from 0 lie beyond samples at first, first + step, .. by more than half a step."""
+    centers, half = (np.arange(n_out) + 0.5) * pixel_size, step / 2 * (1 + 1e-9)
+    return (centers < first - half) | (centers > first + (n_in - 1) * step + half)
 
 
 @lru_cache(maxsize=64)

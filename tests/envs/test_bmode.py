@@ -113,7 +113,7 @@ def test_stripes_finer_than_pixels_become_their_mean():
 
 @pytest.mark.parametrize("median_size", [1, 5, 7])
 def test_a_constant_stays_constant_to_the_last_corner(median_size):
-    for signals in (np.full((3200, 64), 2.5 + 1j), np.full((1000, 1), 3j)):
+    for signals in (np.full((3200, 64), 2.5 + 1j), np.full((3200, 1), 3j)):
         lines = LINES if signals.shape[1] == 64 else [0.0]
         assert (bmode(signals, FS, lines, imaging=Imaging(median_size=median_size)) == 255).all()
 
@@ -126,6 +126,15 @@ def test_median_removes_specks_and_repeats_the_border():
     image = bmode(signals, rate, lines, time_zero=2 * 0.05e-3 / C)
     assert not image[:58].any()
     assert (image[63:, 33:] == 255).all()
+
+
+@pytest.mark.parametrize("median_size", [1, 5])
+def test_an_image_deeper_than_the_samples_is_black_beyond_them(median_size):
+    signals, rate = np.full((300, 64), 2.5 + 1j), C / 2 / 0.1e-3  # 300 samples of 0.1 mm, the first at 20 mm
+    image = bmode(
+        signals, rate, LINES, time_zero=2 * 20e-3 / C, imaging=Imaging(width_px=10, median_size=median_size)
+    )
+    assert (image[20:50] == 255).all() and not image[:20].any() and not image[50:].any()
 
 
 @pytest.mark.parametrize("median_size", [1, 5])
@@ -255,9 +264,9 @@ def test_refuses_rates_and_speeds(name, value):
         bmode(np.ones((100, 64)), line_positions=LINES, **arguments)
 
 
-@pytest.mark.parametrize("value", [math.nan, -math.inf])
+@pytest.mark.parametrize("value", [math.nan, -math.inf, 2.5, -0.0011])
 def test_refuses_a_time_zero(value):
-    with pytest.raises(ValueError, match=f"^time_zero must be a finite number, not {value}"):
+    with pytest.raises(ValueError, match=rf"^time_zero must be .* \[-0.001, 0.001\], not {value}"):
         bmode(np.ones((100, 64)), FS, LINES, time_zero=value)
 
 
