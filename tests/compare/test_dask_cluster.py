@@ -137,6 +137,13 @@ def test_killed_worker_costs_only_its_unfinished_trials(quick, tmp_path, two, mo
     assert read_state(tmp_path / slow.folder_name)["status"] == "finished"
 
 
+def test_a_trial_with_which_every_worker_dies_is_named(quick, tmp_path, two, monkeypatch):
+    monkeypatch.setattr(sweep, "work", sweep_worker.die)
+    (outcome,) = run(plan("vpg"), tmp_path, two)
+    died = dask.config.get("distributed.scheduler.allowed-failures") + 1
+    assert outcome.reason == f"{died} workers died with it (killed, or out of memory)"
+
+
 def test_trial_that_nobody_waits_for_stops(quick, tmp_path, two):
     (slow,) = plan("vpg", steps=160_000)
     with distributed.Client(two, set_as_default=False) as client:

@@ -56,3 +56,8 @@ def dawdle_once(mark, config, out, progress, **_):
         if mark.with_suffix(".end").exists():
             break
     raise TimeoutError
+
+
+def die(*_, **__):
+    """Kill the worker that begins with a trial, whichever it is."""
+    os.kill(os.getpid(), signal.SIGKILL)

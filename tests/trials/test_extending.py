@@ -224,6 +224,19 @@ def test_records_of_an_agent_that_cannot_be_saved_are_kept(here, monkeypatch, ca
     assert run_trial(resolve("mine:Saving", "pp", steps=16), here / "runs").skipped
 
 
+def test_a_finished_trial_whose_code_has_changed_since_is_shown_with_a_warning(here, capsys):
+    run = ["run", "--algo", "mine:Counter", *SHORT]
+    assert cli.main(run) == 0 and cli.main(run) == 0
+    assert "finished already" in capsys.readouterr().out
+    with (here / "mine.py").open("a") as file:
+        file.write("\n\nSTEP = 2\n")
+    assert cli.main(run) == 0
+    said = "This trial is finished, but its algorithm's code has changed since: --overwrite runs it again."
+    assert said in capsys.readouterr().out.splitlines()
+    assert cli.main([*run, "--overwrite"]) == 0 and cli.main(run) == 0
+    assert said not in capsys.readouterr().out.splitlines()
+
+
 @pytest.mark.parametrize("logger", ["None", "logging.getLogger('mine')"])
 def test_agent_has_the_logger_that_it_likes(here, monkeypatch, logger):
     monkeypatch.syspath_prepend(here)
