@@ -11,11 +11,12 @@ import pytest
 from PIL import Image
 
 from usbench import tasks
+from usbench.envs.probe import DEFAULT_ARRAY
 from usbench.trials.configuration import resolve
 
 ROOT = Path(__file__).parents[1]
 PAGES = [
-    *(ROOT / name for name in ("README.md", "CHANGELOG.md", "CONTRIBUTING.md")),
+    *(ROOT / name for name in ("README.md", "CHANGELOG.md", "CONTRIBUTING.md", "tables/README.md")),
     *sorted((ROOT / "docs").glob("*.md")),
     *sorted((ROOT / "docs" / "environments").glob("*.md")),
 ]
@@ -143,6 +144,21 @@ def test_the_readme_says_the_numbers_of_the_tables():
     exact = re.search(r"RF correlation, focus 50 mm, 64 lines\s+[│|]\s+(\d\.\d+)", physics)
     assert speed and f"**{speed[1]} frames per second**" in words
     assert exact and f"**{float(exact[1]):.4f}**" in words
+
+
+def test_the_page_of_the_simulator_says_what_the_default_probe_is():
+    page = (ROOT / "docs" / "physics.md").read_text().split("## The default probe")[1].split("\n## ")[0]
+    rows = re.findall(r"^\| .* \| (`.*`) \| (.*) \|$", page, re.MULTILINE)
+    units = {"": 1, "MHz": 1e6, "mm": 1e-3, "m/s": 1}
+    for names, said in rows:
+        expected = [
+            sum(getattr(DEFAULT_ARRAY, name) for name in re.findall(r"`(\w+)`", one))
+            for one in names.split(", ")
+        ]
+        values = [value.partition(" ") for value in said.split(", ")]
+        found = [float(number) * units[unit] for number, _, unit in values]
+        assert found == pytest.approx(expected, rel=1e-12), names
+    assert len(rows) == 8
 
 
 def test_the_page_of_failures_says_the_numbers_of_the_second_network():
