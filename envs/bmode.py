@@ -43,6 +43,10 @@ class Imaging:
             point 50 mm deep, see `receiver/noise.py`; without a value there is no noise.
         tgc_db_per_cm: Time gain compensation, dB per cm of depth, or a curve: pairs of depth (m) and gain
             (dB) with depths that increase, linear between them.
+
+    Raises:
+        TypeError: If an attribute has a wrong type.
+        ValueError: If a value is not allowed; the message says what is.
     """
 
     dynamic_range_db: float = 60.0

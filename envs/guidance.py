@@ -137,7 +137,12 @@ class GuidanceEnv(gym.Env[Observation, int]):
         return self.first_observation()
 
     def step(self, action: int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Act, reward, displace with probability `noise`, observe; terminates where the agent stops."""
+        """Act, reward, displace with probability `noise`, observe; terminates where the agent stops.
+
+        Raises:
+            gymnasium.error.ResetNeeded: Before the first reset.
+            ValueError: If the task has no such action.
+        """
         return self.outcome(self.move(action))
 
     # Both come in halves: first what moves the probe, then what looks at frames. In between, a vector of

@@ -65,6 +65,9 @@ class DecisionProcess:
         """Return the expected returns of the optimum, of random actions and of staying.
 
         `starts` are where episodes begin, each as often as the others; default: the task's.
+
+        Raises:
+            ValueError: If `starts` is empty, or one of them is no pose that the task reaches.
         """
         if starts is not None and not starts:
             raise ValueError("starts must be one pose at least, where episodes begin, not none.")

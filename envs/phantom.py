@@ -106,6 +106,10 @@ class Phantom:
         tissue_amplitude_std: Standard deviation of the normal amplitudes outside the object.
         attenuation_db_per_cm_mhz: What sound loses on its way, everywhere alike; 0.3 to 0.7 in soft tissue,
             at most 1.
+
+    Raises:
+        TypeError: If an attribute has a wrong type.
+        ValueError: If a value is not allowed; the message says what is.
     """
 
     seed: int = 0

@@ -95,6 +95,10 @@ class Pose:
         x_mm: Lateral position of the probe's centre, on the line y = 0, z = 0.
         focal_depth_mm: Depth of the focal point, positive.
         angle_deg: Rotation of the image plane about the probe's own centre, held modulo 360.
+
+    Raises:
+        TypeError: If an attribute is no whole number.
+        ValueError: If the focus is not below the surface.
     """
 
     x_mm: int = 0

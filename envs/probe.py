@@ -72,6 +72,10 @@ class LinearArray:
             that is on every scatterer at its distance. None: on the focal depth, as in transmit.
         receive_f_number: The receive aperture is at most as wide as the depth of the receive focus divided by
             this number: a Hann window about the line. None: the aperture of the transmit.
+
+    Raises:
+        TypeError: If an attribute has a wrong type.
+        ValueError: If a value is not allowed, by itself or beside the others; the message says what is.
     """
 
     center_frequency: float = 3.5e6

@@ -34,6 +34,10 @@ def scan(
 
     A pure function of its arguments, all of them frozen values. A `Setup` has its settings in place of the
     array's and the imaging's.
+
+    Raises:
+        TypeError: If an argument has the wrong type.
+        ValueError: If the scatterers, the focus and the array do not go together, as in `simulate_iq`.
     """
     iq = acquire(phantom, pose, array, imaging)
     _, array, imaging = tuned(pose, array, imaging)
