@@ -52,13 +52,20 @@ def start(**settings):
 
 
 @pytest.fixture(scope="module")
-def two():
+def cluster():
     """Two workers in processes of their own, forked from a process that has imported everything."""
     assert children.CONTEXT.get_start_method() == "forkserver"
     # Before Dask asks for one, which would have imported Dask alone.
     multiprocessing.forkserver.ensure_running()
     with dask.config.set({"distributed.worker.multiprocessing-method": "forkserver"}), start() as local:
         yield local
+
+
+@pytest.fixture
+def two(cluster):
+    """The cluster with both workers, also after a test in which they died."""
+    cluster.wait_for_workers(2, timeout=120)
+    return cluster
 
 
 def plan(*algos, steps=64):
