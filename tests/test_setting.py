@@ -8,6 +8,7 @@ import SimpleITK as sitk
 
 from usbench.envs.anatomy import Recording
 from usbench.envs.bmode import Imaging
+from usbench.envs.frames import frame_store
 from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Pose
 from usbench.envs.probe import DEFAULT_ARRAY
@@ -51,3 +52,12 @@ def test_no_probe_becomes_the_default_one():
     setting = Setting(task="pp", probe=None)
     assert setting == Setting(task="pp") and setting.probe == DEFAULT_ARRAY
     assert setting.record() == Setting(task="pp").record()
+
+
+def test_progress_of_frames_goes_on_from_those_that_are_kept():
+    small = Imaging(height_px=10, width_px=10)
+    setting, told = Setting(task="pp", imaging=small), []
+    poses, (phantom,) = setting.guidance.states, setting.evaluation_phantoms()
+    frame_store(phantom, setting.probe, small).prepare(poses[:-3])
+    setting.prepare_frames(lambda *numbers: told.append(numbers))
+    assert told == [(len(poses) - 3 + n, len(poses)) for n in (1, 2, 3)]

@@ -291,9 +291,9 @@ class Setting:
         digests, done, total = [], 0, sum(len(poses) for _, poses in parts)
         for phantom, poses in parts:
             store = frame_store(phantom, self.probe, self.imaging)
+            done += len(poses)
             store.prepare(poses, report and partial(_of_all, report, done, total))
             digests.append(store.digest(poses))
-            done += len(poses)
         one = digests[0] if len(digests) == 1 else hashlib.sha256("".join(digests).encode()).hexdigest()
         return Frames(one, total)
 
@@ -396,6 +396,6 @@ def make_vec_env(
     )
 
 
-def _of_all(report: Report, before: int, total: int, done: int, _: int) -> None:
-    """Report that `before` frames and `done` more are simulated, of `total` of all phantoms."""
-    report(before + done, total)
+def _of_all(report: Report, at_end: int, total: int, done: int, missing: int) -> None:
+    """Report how many frames of all phantoms there are: `at_end` when those `missing` of one are `done`."""
+    report(at_end - missing + done, total)

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from state_files import read_state
@@ -212,6 +213,12 @@ def test_interruption_is_status_130_and_keeps_the_state(capsys, tmp_path, quick,
     assert "interrupted" in capsys.readouterr().err
     (folder,) = records.trial_folders(tmp_path)
     assert read_state(folder)["status"] == "interrupted"
+
+
+def test_a_command_of_a_thread_hears_no_signals_and_runs(capsys):
+    with ThreadPoolExecutor(1) as pool:
+        assert pool.submit(cli.main, ["list"]).result() == 0
+    assert "algorithms" in capsys.readouterr().out
 
 
 def test_list_shows_a_line_for_each_task_and_algorithm_in_80_columns(capsys):

@@ -41,6 +41,15 @@ def test_a_format_that_is_named_twice_is_drawn_once(finished, tmp_path, capsys):
     assert len(shown) == len(set(shown)) and {path[-4:] for path in shown} == {".png", ".svg"}
 
 
+def test_trials_of_one_name_have_one_learning_curve_that_of_the_last(finished, tmp_path):
+    copy = shutil.copytree(finished, tmp_path / "copy" / finished.name)
+    drawn = plots.write([finished, copy], tmp_path / "figures")
+    assert len(drawn) == len(set(drawn))
+    assert [path.stem for path in drawn if "learning_curve_" in path.stem] == [
+        f"learning_curve_{finished.name}"
+    ]
+
+
 def test_a_trial_counts_once_and_others_beside_it_do_not(finished):
     other = finished.with_name("pp-p0.5-vpg-s1-00000000")
     shutil.copytree(finished, other)

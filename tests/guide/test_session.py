@@ -1,6 +1,7 @@
 """Who advises in the guide: trials, the optimum, and an agent that is trained meanwhile."""
 
 import json
+import re
 import shutil
 import sys
 import time
@@ -237,6 +238,15 @@ def test_broken_trials_are_left_out(finished):
     evaluations = records.load(finished)
     last = evaluations[(evaluations["checkpoint"] == 128) & evaluations["deterministic"]]
     assert trial.score == pytest.approx(last["normalized_score"].mean())
+
+
+@pytest.mark.parametrize("value", ["1e999", "-Infinity", "NaN"])
+def test_a_return_that_is_no_number_makes_no_best_agent(finished, value):
+    path = finished / records.EVALUATIONS
+    last = re.sub(r'"return": [^,]+', f'"return": {value}', path.read_text())
+    path.write_text(last)
+    (trial,) = agents.find(finished.parent)
+    assert trial.score is None
 
 
 def test_trials_that_would_look_alike_are_told_apart(finished, tmp_path):

@@ -34,7 +34,7 @@ def test_committed_figures_come_from_the_committed_tables(board, tmp_path):
     # With the versions of constraints.txt: another matplotlib draws otherwise.
     folder = leaderboard.files(board)
     comparison.write(tables.read(folder), tmp_path)
-    tuning.write(folder, tmp_path)
+    tuning.write([folder], tmp_path)
     committed, drawn = (
         {path.name: path.read_bytes() for path in place.glob("*.png")} for place in (folder, tmp_path)
     )

@@ -6,6 +6,7 @@ import logging
 import os
 import signal
 import sys
+import threading
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from importlib.metadata import version
@@ -232,8 +233,11 @@ def _own_modules() -> Iterator[None]:
 def _terminable() -> Iterator[None]:
     """Let SIGTERM, and the end of the terminal, end a command as Ctrl-C does, with its state kept.
 
-    A signal that is ignored, as by nohup, stays so.
+    A signal that is ignored, as by nohup, stays so. Only the main thread hears signals.
     """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
     numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
     before = {number: signal.getsignal(number) for number in numbers}
     heard = {number: handler for number, handler in before.items() if handler != signal.SIG_IGN}

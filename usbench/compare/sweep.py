@@ -140,7 +140,7 @@ def run(
 
 def _of_frames(config: TrialConfig) -> Setting:
     """Return the setting of a trial with what its frames do not depend on at its default."""
-    return replace(Setting.recorded(config).scored, noise=0.0, n_frames=1)
+    return replace(Setting.recorded(config).scored, noise=0.0, n_frames=1, senses=(), n_phantoms=None)
 
 
 def _outcomes(

@@ -1,5 +1,6 @@
 """Agents that were trained on one phantom, tested on unseen phantoms."""
 
+import contextlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -138,8 +139,7 @@ def test(trial: Path, algo: str, score: float) -> dict[str, object]:
     many = held_out.MANY[config.task]
     senses = Setting.recorded(config).senses
     setting = Setting(task=many, noise=config.noise, n_frames=config.n_frames, senses=senses)
-    evaluator = Evaluator(setting, setting.evaluation_episodes())
-    played = evaluator.play(loaded.agent, checkpoint=config.steps, step=config.steps, deterministic=True)
-    evaluator.close()
+    with contextlib.closing(Evaluator(setting, setting.evaluation_episodes())) as evaluator:
+        played = evaluator.play(loaded.agent, checkpoint=config.steps, step=config.steps, deterministic=True)
     table = pd.DataFrame([episode.as_row() for episode in played])
     return held_out.summary(trial.name, setting.task, table, setting.anchors())

@@ -36,8 +36,9 @@ def write(
             )
     formats = list(dict.fromkeys(formats))
     known = sources.gather(paths, damaged)
-    # Also of a trial that is still running.
-    single = [trial for path in paths if (trial := _readable(path, damaged is None)) and trial.config.steps]
+    # Also of a trial that is still running; of those with the same name the last, as in `gather`.
+    readable = filter(None, (_readable(path, damaged is None) for path in paths))
+    single = {trial.name: trial for trial in readable if trial.config.steps}.values()
     if known.curves.empty and not single:
         raise ConfigurationError(
             f"there is no finished trial to draw in {', '.join(repr(str(path)) for path in paths)}."
@@ -52,7 +53,7 @@ def write(
         for trial in single
         for kind in formats
     ]
-    searched = [file for path in paths for file in tuning.write(sources.folder_of(path), out, formats)]
+    searched = tuning.write([sources.folder_of(path) for path in paths], out, formats)
     return [*curves, *comparison.write(known, out, formats), *searched]
 
 

@@ -10,8 +10,6 @@ from usbench.figures import style
 
 # Beyond the optimum's 1, so that its marks are whole.
 HIGHEST = 1.06
-# Of the axis; where the circles of what lies below 0 stand.
-CLIPPED_AT = 0.015
 # Of what curves are drawn over; nearer arrows would cover each other.
 NEAREST = 0.03
 # The corners of an arrow whose tip is at the place that it marks: no agent's marker is one.

@@ -11,11 +11,18 @@ from usbench.figures import looks, score_axis, style
 from usbench.results.protocol import tuning
 
 NAME = "tuning"
+# Where the crosses of candidates that diverged stand on the axis of scores.
+DIVERGED_AT = 0.015
 
 
-def write(folder: Path, out: Path, formats: Sequence[str] = ("png",)) -> list[Path]:
-    """Draw the figure of the table in `folder` into `out`; return the paths, none without such a table."""
-    figure = draw(tuning.read(folder))
+def write(folders: Sequence[Path], out: Path, formats: Sequence[str] = ("png",)) -> list[Path]:
+    """Draw the figure of the tables in `folders` into `out`; return the paths, none without such a table.
+
+    Raises:
+        ConfigurationError: If the folders hold different searches of a row.
+        ValueError: If a file is no such table.
+    """
+    figure = draw(tuning.together(folders))
     return [] if figure is None else [style.save(figure, out / f"{NAME}.{kind}") for kind in formats]
 
 
@@ -36,7 +43,7 @@ def draw(known: pd.DataFrame) -> Figure | None:
         bar = [max(low, 0), max(high, 0)]
         spread.plot(bar, [place] * 2, color=color, alpha=0.35, linewidth=7, solid_capstyle="butt")
         spread.plot([max(middle, 0)] * 2, [place - 0.25, place + 0.25], color=color, linewidth=2)
-        seen = np.where(diverged, score_axis.CLIPPED_AT, counted)
+        seen = np.where(diverged, DIVERGED_AT, counted)
         for marker, which in (("o", ~diverged & (counted >= 0)), ("x", diverged)):
             heights = np.full(which.sum(), place)
             spread.plot(seen[which], heights, marker, color="0.2", fillstyle="none", markersize=4)

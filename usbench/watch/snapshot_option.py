@@ -98,7 +98,8 @@ def placed(
         range_db = _range_db(source.imaging, dynamic_range_db)
         if frequency_mhz is None:
             return replace(source, imaging=replace(source.imaging, dynamic_range_db=range_db)), pose
-        khz = _frequency_khz(frequency_mhz)
+        low, high = FREQUENCY_MHZ
+        khz = round(number("frequency_mhz", frequency_mhz, low=low, high=high) * 1e3)
         place = (pose.x_mm, pose.focal_depth_mm, pose.angle_deg)
         setup = Setup(*place, frequency_khz=khz, dynamic_range_db=range_db)
         tuned(setup, source.probe, source.imaging)  # refuses a frequency that this probe does not sample
@@ -148,22 +149,11 @@ def imaging_of(source: Source, pixel_mm: Any = None, median_size: Any = None) ->
     return imaging
 
 
-def _frequency_khz(frequency_mhz: Any) -> int:
-    if not isinstance(frequency_mhz, int | float) or not _within(frequency_mhz, FREQUENCY_MHZ):
-        low, high = FREQUENCY_MHZ
-        raise ValueError(f"frequency must be in [{low:g}, {high:g}] MHz, not {frequency_mhz!r}.")
-    return round(frequency_mhz * 1e3)
-
-
 def _range_db(imaging: Imaging, dynamic_range_db: Any) -> int:
     if dynamic_range_db is None:  # then there is a frequency
         name = "the imaging's dynamic_range_db beside a frequency"
         return whole_number(name, imaging.dynamic_range_db, *RANGE_DB)
     return whole_number("dynamic_range_db", dynamic_range_db, *RANGE_DB)
-
-
-def _within(value: float, limits: tuple[float, float]) -> bool:
-    return limits[0] <= value <= limits[1]  # also false for nan
 
 
 def label(task: str | None, number: Any = None) -> str:
