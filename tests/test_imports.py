@@ -110,7 +110,7 @@ BELOW = tuple(
         "words",
     ]
 )
-SCENE = ("usbench.setting", "usbench.setting_files", "usbench.suite", "usbench.envs")
+SCENE = ("usbench.setting", "usbench.setting_files", "usbench.own_task", "usbench.suite", "usbench.envs")
 # Modules that ask agents, which takes torch.
 ASKING = {"watch/advice", "watch/selection", "report/actions"}
 # Figures about poses know what a task is.
@@ -190,7 +190,18 @@ def test_results_import_only_records_and_the_tables_of_tasks_ceilings_and_algori
 def test_comparisons_import_no_page_and_no_command(path):
     # Of agents only the tables, which load no torch.
     agents = ("agents.zoo", "agents.search_space")
-    allowed = ("compare", "trials", "figures", "results", "setting", "suite", "records", "ceilings", *agents)
+    allowed = (
+        "compare",
+        "trials",
+        "figures",
+        "results",
+        "setting",
+        "own_task",
+        "suite",
+        "records",
+        "ceilings",
+        *agents,
+    )
     assert not foreign(path, *(f"usbench.{name}" for name in allowed), *GROUND)
 
 

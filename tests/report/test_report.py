@@ -159,6 +159,8 @@ def test_a_trial_with_another_probe_and_imaging_is_replayed_without_a_map(
     assert "Replay, moving." in content
     assert "No map of its actions: maps are made for the task&#39;s own probe and imaging" in content
     assert "width_px</th><td>128" in content
+    assert f"not their task's: 1 of 1, as <code>{config.folder_name}</code>." in content
+    assert "usbench compare --algos" not in content
 
 
 def test_trials_that_are_not_finished_are_named_and_strangers_words_are_only_words(

@@ -6,8 +6,8 @@ from pathlib import Path
 import pandas as pd
 
 from usbench import records
-from usbench.compare.own_task import is_on_its_task
 from usbench.figures import comparison
+from usbench.own_task import is_on_its_task
 from usbench.records import ConfigurationError, TrialConfig
 from usbench.records.lock import locked
 from usbench.results import additions, collecting, held_out, leaderboard, studies, tables

@@ -5,7 +5,6 @@ list, these actions must give the recorded returns: nobody has to trust a number
 """
 
 import itertools
-import json
 import math
 import shutil
 from collections.abc import Callable, Sequence
@@ -16,7 +15,7 @@ import pandas as pd
 
 from usbench import records, seed_pools, suite
 from usbench.checks import ConfigurationError
-from usbench.compare.own_task import is_on_its_task
+from usbench.own_task import is_on_its_task, task_environment
 from usbench.records import Trial
 from usbench.records.facts import Facts
 from usbench.results import collecting
@@ -125,7 +124,7 @@ def _of_name(trial: Trial) -> list[str]:
 def _of_configuration(trial: Trial, setting: Setting) -> list[str]:
     config, found = trial.config, []
     of_unseen = unseen.has(config.task, config.steps)
-    plain = json.loads(json.dumps(Setting(task=config.task).record()))
+    plain = task_environment(config.task)
     if not (is_on_its_task(config) if of_unseen else dict(config.environment) == plain):
         found.append(f"its anatomy, probe, imaging, reward or senses are not those of {config.task}.")
     frames = further.frames_of(config.task, config.noise)

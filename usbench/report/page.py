@@ -9,7 +9,8 @@ import jinja2
 from usbench import records, suite
 from usbench.atomic import atomic_file
 from usbench.figures import style
-from usbench.records import ConfigurationError
+from usbench.own_task import is_on_its_task
+from usbench.records import ConfigurationError, Trial
 from usbench.report import agents, pictures, poses, tables, text
 from usbench.results import leaderboard, scores, sources, studies, verdict
 from usbench.results.protocol import further
@@ -65,7 +66,8 @@ def write(runs: Path, out: Path, tell: Tell = lambda _: None) -> Path:
     tell("drawing the comparison")
     # Not where this reader keeps the trials.
     content: dict[str, Any] = {"damaged": [told.replace(f"{runs.resolve()}/", "") for told in damaged]}
-    content |= _comparison(known) | {"studies": studied} | _recorded(runs, known) | _seen(runs, known, tell)
+    content |= _comparison(runs, known) | _recorded(runs, known) | _seen(runs, known, tell)
+    content["studies"] = studied
     with atomic_file(out) as file:
         file.write(_page(content).encode())
     return out
@@ -83,9 +85,11 @@ def _page(content: dict[str, Any]) -> str:
     return environment.get_template("report.html").render(content)
 
 
-def _comparison(known: Results) -> dict[str, Any]:
-    """Return what follows from the results alone."""
-    sections, figures = text.sections(known), pictures.compared(known)
+def _comparison(runs: Path, known: Results) -> dict[str, Any]:
+    """Return the leaderboard's parts and figures; trials with changed environments are told apart."""
+    configs = {name: Trial.read(runs / name).config for name in known.trials["trial"]}
+    changed = [name for name, config in configs.items() if not is_on_its_task(config)]
+    sections, figures = text.sections(known, changed), pictures.compared(known)
     return {
         "verdict": text.inline(verdict.text(known)),
         "reading": leaderboard.READING,

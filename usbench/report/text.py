@@ -1,7 +1,7 @@
 """The leaderboard's Markdown as HTML: the same words and numbers, in tables that scroll and have captions."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 
 from markdown_it import MarkdownIt
 from markdown_it.token import Token
@@ -22,9 +22,12 @@ _FOLD, _FOLD_END = re.compile(r"<details>\s*<summary>([^<>]*)</summary>"), "</de
 _MARKDOWN = MarkdownIt("zero").enable(["table", "list", "fence", "backticks", "emphasis", "entity"])
 
 
-def sections(known: Results) -> dict[str, Markup]:
-    """Return the parts of the leaderboard by their headings, in its order."""
-    _, *parts = _HEADING.split(leaderboard.markdown(known))
+def sections(known: Results, changed: Collection[str] = ()) -> dict[str, Markup]:
+    """Return the parts of the leaderboard by their headings, in its order.
+
+    `changed` are names of trials with another environment than their task's.
+    """
+    _, *parts = _HEADING.split(leaderboard.markdown(known, changed=changed))
     return {
         title: html(text, caption=f"{title}: {_unit(title)}")
         for title, text in zip(parts[::2], parts[1::2], strict=True)

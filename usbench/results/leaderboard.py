@@ -137,12 +137,14 @@ def markdown(
     searched: pd.DataFrame | None = None,
     figures: Mapping[str, Sequence[str]] = MappingProxyType({}),
     unverified: Collection[str] = (),
+    changed: Collection[str] = (),
 ) -> str:
     """Return the leaderboard as Markdown.
 
     The others are what `held_out`, `studies` and `tuning` read, None where there is nothing; `figures` are
     links to the pictures of each part of `scores.parts`, `unverified` names of trials: rows that hold one say
-    so. The pictures of the first part stand at the top, those of each other part in its own section.
+    so. `changed` are names of trials with another environment than their task's. The pictures of the first
+    part stand at the top, those of each other part in its own section.
     """
     doubted = set(unverified) & set(known.trials["trial"])
     reading = text.folded("How to read the numbers", f"{READING}\n{MEASURES}")
@@ -164,7 +166,7 @@ def markdown(
     }
     parts += [part for section in made.values() for part in section]
     commands = [command for command, section in made.items() if command and section]
-    parts += ["## How this was made", provenance.making(known.trials, commands)]
+    parts += ["## How this was made", provenance.making(known.trials, commands, changed)]
     if notes := _notes(known, tested if never_seen else None):
         listed = "\n".join(f"* {note}" for note in notes)
         parts += ["## Notes", text.folded(f"Notes ({len(notes)})", listed)]

@@ -1,7 +1,7 @@
 """How results were made, from the rows of trials: command, versions, time, and what a reader has to know."""
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import pandas as pd
 
@@ -27,18 +27,25 @@ STATUS_WORDS = {
 }
 
 
-def making(trials: pd.DataFrame, besides: Sequence[str] = ()) -> str:
+def making(trials: pd.DataFrame, besides: Sequence[str] = (), changed: Collection[str] = ()) -> str:
     """Return the commands, how many trials are finished, the hours and the versions, as Markdown.
 
-    The commands `besides` make what is on the page beside the trials.
+    The commands `besides` make what is on the page beside the trials. Trials with the names `changed` have
+    another environment than their task's, which no command of these says: they are named.
     """
     finished = trials[trials["status"] == "finished"]
     hours, training = (finished[key].sum() / 3600 for key in ("total_s", "training_s"))
-    lines = [line for name, own in further.tables_of(trials).items() for line in _commands_of(name, own)]
+    as_named = trials[~trials["trial"].isin(changed)]
+    lines = [line for name, own in further.tables_of(as_named).items() for line in _commands_of(name, own)]
     if len(lines) > 1:
         lines.append("usbench leaderboard --runs runs")
     lines += besides if lines else []
     parts = ["\n".join(["```", *map(in_lines, lines), "```"])] if lines else []
+    if others := sorted(set(changed) & set(trials["trial"])):
+        parts.append(
+            f"No command here makes trials whose environment is not their task's: {len(others)} of "
+            f"{len(trials)}, as {code(others[0])}."
+        )
     parts.append(
         f"{len(finished)} of {len(trials)} trials are finished. One after another they took {hours:.2f} "
         f"hours on one core, {training:.2f} of them training."
