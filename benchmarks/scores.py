@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 from usbench import records
-from usbench.results.tables import digest
+from usbench.records.configuration import digest
 
 CELL = ["algo", "task", "settings", "deterministic"]
 

@@ -55,7 +55,7 @@ class Setting:
         reward: What the agent is trained on; scores are always those of the true reward.
         anatomy: A custom anatomy in place of the task's phantom; None for the task's own.
         probe: The transducer; None becomes the default one.
-        imaging: How RF becomes a frame; None for the task's own, which the attribute then is.
+        imaging: How RF becomes a frame; None takes the task's own, and the attribute then holds that.
         senses: What the agent is told beside the frames, any of those that the task has; None, the default,
             becomes the task's own.
         n_phantoms: How many phantoms there are in training, where the task draws them; None for no limit.

@@ -11,7 +11,7 @@ import threading
 import time
 
 LONG_S = 2.0
-# Of the work's first parts: so long is measured before an estimate is made.
+# Seconds of work that are measured before an estimate is made.
 _MEASURED_S = 0.25
 
 log = logging.getLogger(__name__)

@@ -31,7 +31,7 @@ Floats = npt.NDArray[np.float64]
 
 _CHUNK = 128  # scatterers of which the echoes' lengths are looked at together
 _POINTS = 16  # scatterers at a time: some MB of fields
-_LENGTHS = 64  # echoes are of so many samples, or a multiple
+_LENGTHS = 64  # samples of an echo, or a multiple
 BLOCK = 64  # frequencies at a time
 _PULSE_CUT = 1e-4  # of the pulse's largest magnitude: weaker frequencies are left out
 _EDGE = 1 / 32  # of the band, over which its ends are faded

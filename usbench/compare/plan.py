@@ -28,7 +28,9 @@ def by_protocol(
     n_frames: Any = None,
     senses: Sequence[str] | None = None,
 ) -> list[TrialConfig]:
-    """Return the trials of the protocol's grid, or of one of its further tables; None is what that says.
+    """Return the trials of the protocol's grid, or of one of its further tables.
+
+    An argument that is None takes its value from the protocol.
 
     `n_frames` and `senses` are what agents that learn see and are told, in place of the tasks' own; both are
     for trials of the table of unseen phantoms.

@@ -92,7 +92,7 @@ def _can_be_released(trial: Trial) -> bool:
 
 def _score(trial: Trial) -> float:
     """Return the mean score of its last evaluation with greedy actions, as precise as scores are compared."""
-    return round(float(trial.last_evaluation(deterministic=True)["normalized_score"].mean()), DECIMALS)
+    return round(trial.final_score(), DECIMALS)
 
 
 def _arrays(policy: BasePolicy) -> dict[str, Any]:

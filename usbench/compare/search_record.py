@@ -75,8 +75,7 @@ class SearchRecord:
             return
         score = None
         if trial.status == "finished":
-            last = trial.last_evaluation(deterministic=True)
-            score = round(float(last["normalized_score"].mean()), 6)
+            score = round(trial.final_score(), 6)
         elif not any(told in str(trial.reason) for told in DIVERGED):
             return
         told = {

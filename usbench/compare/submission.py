@@ -155,7 +155,7 @@ def _of_anchors(trial: Trial, setting: Setting) -> list[str]:
 
 
 def _of_training(trial: Trial, episodes: pd.DataFrame) -> list[str]:
-    """Return what is wrong with the training episodes, one of which ends within every so many steps."""
+    """Return what is wrong with the training episodes: one ends at least every `longest` steps."""
     config = trial.config
     longest = suite.TASKS[config.task].n_steps * config.n_envs
     if episodes.empty and config.steps > longest:

@@ -24,7 +24,7 @@ def has_begun(runs: Path, name: str, record: dict[str, Any]) -> bool:
     Args:
         runs: Folder with trials and studies.
         name: Of the study.
-        record: What its record holds if it is played as is asked for; a part of that is compared alone.
+        record: What its record has to hold; nothing else of it is compared.
 
     Raises:
         ConfigurationError: If the study has begun otherwise, or its record is damaged.

@@ -51,8 +51,7 @@ class TrialConfig:
     @property
     def hash(self) -> str:
         """Eight hexadecimal digits that change with any part of the configuration but a file's place."""
-        canonical = json.dumps(identity(asdict(self)), sort_keys=True, separators=(",", ":"), default=str)
-        return hashlib.sha256(canonical.encode()).hexdigest()[:8]
+        return digest(identity(asdict(self)))
 
     @property
     def title(self) -> str:
@@ -85,3 +84,9 @@ def identity(config: Mapping[str, Any]) -> Mapping[str, Any]:
     if VOLUME not in environment:
         return config
     return {**config, "environment": {key: value for key, value in environment.items() if key != VOLUME}}
+
+
+def digest(value: Mapping[str, Any]) -> str:
+    """Return a short name of a configuration, or of a part of one: eight hexadecimal digits."""
+    canonical = json.dumps(value, sort_keys=True, separators=(",", ":"), default=str)
+    return hashlib.sha256(canonical.encode()).hexdigest()[:8]

@@ -203,6 +203,14 @@ class Trial:
             raise ValueError(f"the last evaluation of {self.folder} has no episodes with {kind} actions.")
         return last[last["deterministic"] == deterministic]
 
+    def final_score(self) -> float:
+        """Return the mean score of the last evaluation with greedy actions.
+
+        Raises:
+            ValueError: If the trial has no such evaluation, or their file is damaged.
+        """
+        return float(self.last_evaluation(deterministic=True)["normalized_score"].mean())
+
     def _table(self, name: str) -> pd.DataFrame:
         check(self.folder, self.checksums)
         rows = pd.DataFrame(read_rows(self.folder / name))

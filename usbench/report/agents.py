@@ -18,10 +18,11 @@ from usbench.records import ConfigurationError, Trial
 from usbench.report import pictures
 from usbench.report.pictures import Picture
 from usbench.report.poses import Poses, silence
-from usbench.report.tables import Table, percent
+from usbench.report.tables import Table
 from usbench.results import scores
 from usbench.results.agents import named
 from usbench.results.tables import Results
+from usbench.results.text import number
 from usbench.setting import Setting
 from usbench.watch import film, panels, replay
 from usbench.watch.moment import Moment
@@ -167,7 +168,7 @@ def _accuracy(
         one.task,
         f"{one.noise:g}",
         str(len(one.trials)),
-        *(percent(_mean(best[where])) for where in (every, starts, poses.alike, ~poses.alike)),
+        *(number(100 * _mean(best[where]), 0) for where in (every, starts, poses.alike, ~poses.alike)),
         *(film.fixed(_mean(lost[where])) for where in (every, starts)),
     )
 
@@ -198,8 +199,8 @@ def _page(moment: Moment, steps: int) -> Image.Image:
         f"{moment.step}/{steps} {moment.action}{f', slipped {moment.slip}' if moment.slip else ''}",
         f"return {film.fixed(moment.return_)}    optimum {film.fixed(moment.optimum)}",
     ]
-    for number, line in enumerate(words):
-        draw.text((0, height + MARGIN // 2 + LINE * number), line, fill=drawing.TEXT, font=font)
+    for row, line in enumerate(words):
+        draw.text((0, height + MARGIN // 2 + LINE * row), line, fill=drawing.TEXT, font=font)
     page.info["duration"] = film.LAST_STEP_MS if moment.step == steps else film.STEP_MS
     return page
 

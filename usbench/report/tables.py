@@ -60,7 +60,12 @@ def endings(runs: Path, known: Results) -> list[Table]:
                 "columns)",
                 ["agent", "noise", "seeds", *(ENDINGS[kind] for kind in kinds)],
                 [
-                    [row["algo"], f"{row['noise']:g}", str(row["seeds"]), *(percent(row[k]) for k in kinds)]
+                    [
+                        row["algo"],
+                        f"{row['noise']:g}",
+                        str(row["seeds"]),
+                        *(number(100 * row[kind], 0) for kind in kinds),
+                    ]
                     for row in rows.to_dict("records")
                 ],
             )
@@ -118,11 +123,6 @@ def trials(known: Results) -> Table:
     ]
     head = ["trial", "status", "frames (digest)", "score", "training (min)"]
     return Table("Every trial: greedy score after the last step, time", head, rows, 3)
-
-
-def percent(share: float) -> str:
-    """Return a share as a whole percentage, a dash where there is none."""
-    return DASH if pd.isna(share) else f"{100 * share:.0f}"
 
 
 def _words(values: Mapping[str, Any]) -> str:

@@ -9,7 +9,8 @@ import pandas as pd
 
 from usbench.agents.zoo import ZOO, usual_envs
 from usbench.records import TrialConfig
-from usbench.results.tables import digest, n_frames, senses
+from usbench.records.configuration import digest
+from usbench.results.tables import n_frames, senses
 from usbench.tasks import PAPER, row_of
 from usbench.words import network_apart
 
@@ -17,7 +18,7 @@ from usbench.words import network_apart
 REFERENCE_POLICIES = tuple(name for name, row in ZOO.items() if not row.learns)
 # Settings that a name spells out; a name with more of them has a digest in their place.
 SPELLED = 2
-# What all that the table's rows can be set to besides is, where a trial says nothing.
+# Defaults of the other settings, for trials whose record does not name them.
 OPTIONS = {name: value for row in ZOO.values() for name, value in row.options.items()}
 # Settings that are left out of a trial's row where they are so.
 UNSAID = {"n_envs": 1, "senses": "none", **OPTIONS}
@@ -87,7 +88,7 @@ def _names(algo: str, own: pd.DataFrame) -> pd.Series:
 
 
 def _alike(trial: pd.Series) -> int:
-    """Return how many of the steps and of what `is_usual` looks at are as the command takes them."""
+    """Return how many settings of a trial are the usual ones: its steps, and what `is_usual` looks at."""
     whole = trial["steps"] == row_of(trial["task"]).steps
     return int(whole) + sum(_usual(trial))
 

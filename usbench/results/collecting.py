@@ -12,6 +12,7 @@ import pandas as pd
 
 from usbench import records
 from usbench.records import EXPLORATION, ConfigurationError, Trial, TrialConfig
+from usbench.records.configuration import digest
 from usbench.results.tables import (
     CURVE_COLUMNS,
     GREEDY,
@@ -22,7 +23,6 @@ from usbench.results.tables import (
     TRAINING_PARTS,
     TRIAL_COLUMNS,
     Results,
-    digest,
     typed,
 )
 from usbench.tasks import check_installed, row_of

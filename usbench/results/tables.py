@@ -6,13 +6,12 @@ actions ("drawn" in the table) and with greedy ones, and training in fiftieths o
 many steps the agent had learned from by then: whole rollouts. Both open with `pandas.read_csv`.
 """
 
-import hashlib
 import json
 import reprlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, get_args
+from typing import get_args
 
 import numpy as np
 import pandas as pd
@@ -155,9 +154,3 @@ def n_frames(settings: str) -> int:
 def senses(settings: str) -> tuple[str, ...]:
     """Return what the agent is told beside the frames, from the settings of a trial."""
     return tuple(json.loads(settings).get("senses", "").split())
-
-
-def digest(value: Mapping[str, Any]) -> str:
-    """Return a short name of a configuration or a part of one."""
-    canonical = json.dumps(value, sort_keys=True, separators=(",", ":"), default=str)
-    return hashlib.sha256(canonical.encode()).hexdigest()[:8]

@@ -26,7 +26,7 @@ class Progress(Protocol):
         """`done` of `total` frames are simulated."""
 
     def expected(self, wall_s: float, cpu_s: float) -> None:
-        """Training and evaluations, which begin now, will take about so long, and so much of the cores."""
+        """Training and evaluations begin now, and take about `wall_s` and `cpu_s` of CPU time."""
 
     def training(self, step: int, steps: int, mean_return: float, score: float) -> None:
         """Training is at `step` of `steps`; mean return and normalised score of the last episodes."""

@@ -21,7 +21,6 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 
 from usbench import records, released
 from usbench.agents import plugins, zoo
-from usbench.checks import check_seed
 from usbench.records import ConfigurationError, Trial, TrialConfig
 from usbench.setting import Setting
 from usbench.trials.configuration import resolve
@@ -112,7 +111,6 @@ def _recorded(folder: Path, algo: str | None, task: str | None) -> TrialConfig:
                 f"in Python, usbench.load_agent(..., algo={config.algo!r}) opens it, if you trust it."
             )
         hyperparameters = zoo.hyperparameters(config.algo, config.task, config.hyperparameters)
-        check_seed(config.seed)
         return dataclasses.replace(config, hyperparameters=hyperparameters)
     except ConfigurationError:
         raise

@@ -24,13 +24,13 @@ from usbench.trials.callback import rollout_steps
 from usbench.trials.evaluation import Evaluator
 from usbench.trials.learning import make_agent, recorded, seeds_of
 
-# A rehearsal ends with the first update after so many seconds, the first update's apart, or after this share
-# of the trial's steps.
+# A rehearsal ends with the first update after these seconds, without those of the first update, or after this
+# share of the trial's steps.
 LONGEST_S = 3.0
 LARGEST_SHARE = 0.02
 # Trials with fewer updates are not rehearsed.
 FEWEST_UPDATES = 20
-# So many episodes of the evaluation are played.
+# Episodes of the evaluation that are played.
 N_EPISODES = 4
 
 

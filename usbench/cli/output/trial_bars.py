@@ -54,7 +54,7 @@ class Bars:
             self._say(f"simulating frames: {done} of {total}")
 
     def expected(self, wall_s: float, cpu_s: float) -> None:
-        """Training and evaluations, which begin now, will take about so long, and so much of the cores."""
+        """Training and evaluations begin now, and take about `wall_s` and `cpu_s` of CPU time."""
         told = (
             f"training and evaluations: {duration(wall_s)} as this machine is now ({duration(cpu_s)} of CPU "
         )

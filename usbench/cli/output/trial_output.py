@@ -105,7 +105,7 @@ def _is_guided(config: TrialConfig) -> bool:
 
 
 def not_learned(config: TrialConfig) -> str:
-    """Return what a trial of so few steps did not learn from, in a sentence; "" if it learned from all."""
+    """Return which part of the learning a trial was too short for, in a sentence; "" if none."""
     steps, own = config.steps, zoo.own_defaults(config.algo)
     # A class counts the steps of each environment by default; hyperparameters count those of all.
     own |= {"n_steps": own["n_steps"] * config.n_envs} if "n_steps" in own else {}

@@ -221,7 +221,7 @@ def _trials(path: Path) -> list[dict[str, Any]]:
 
 
 def _complete(found: list[dict[str, Any]], rung: int, n_candidates: int) -> bool:
-    """Return whether so many candidates have all trials of a rung."""
+    """Return whether `n_candidates` candidates have all trials of a rung."""
     search = _search()
     cells = product(search["tasks"], search["noises"], search["rungs"][rung]["seeds"])
     done = {tuple(one[name] for name in COLUMNS[1:5]) for one in found}
