@@ -21,8 +21,6 @@ from usbench.envs.receiver import gain
 MOST_DB = 200
 # Of an image, m: no echo is simulated from farther away.
 MOST_SIZE = 0.5
-# Of the first sample, s: echoes come back from within `MOST_SIZE`.
-MOST_TIME = 1e-3
 MOST_PIXELS = 100_000_000
 # Edge of the median filter: beyond it OpenCV's medians of bytes are wrong, without a word.
 MOST_MEDIAN = 255
@@ -131,15 +129,15 @@ def bmode(
         signals: RF (real) or I/Q (complex), (n_samples, n_lines).
         sampling_frequency: Of `signals`, Hz.
         line_positions: Lateral positions of the lines, increasing in equal steps, (n_lines,) m.
-        time_zero: Time of the first sample after the arrival of an echo from depth 0, s, within 1 ms; the
-            middle of the pulse counts.
+        time_zero: Time of the first sample after the arrival of an echo from depth 0, s; the middle of the
+            pulse counts.
         speed_of_sound: m/s.
         imaging: Size, dynamic range and time gain compensation of the image; no noise is added here.
 
     Returns:
         (height_px, width_px) uint8; 255 is the maximum, 0 is `dynamic_range_db` below it or weaker. Black too
-        is what lies more than half a step beyond the outermost lines and the outermost samples. A line alone
-        fills the image's width.
+        is what lies more than half a step beyond the outermost lines, and rows that no sample reaches. A line
+        alone fills the image's width.
     """
     envelopes = envelope(signals)
     lines = real("line_positions", line_positions)
@@ -161,8 +159,14 @@ def bmode(
     positive("sampling_frequency", sampling_frequency)
     sampling_frequency = quantity("sampling_frequency", sampling_frequency, 1e5, 1e10, HERTZ)
     speed_of_sound = bounded("speed_of_sound", speed_of_sound)
-    time_zero = number("time_zero", time_zero, low=-MOST_TIME, high=MOST_TIME)
+    number("time_zero", time_zero)
     first, step = time_zero * speed_of_sound / 2, speed_of_sound / (2 * sampling_frequency)
+    last = first + (len(envelopes) - 1) * step
+    if first > MOST_SIZE or last < 0:
+        raise ValueError(
+            f"time_zero must put samples into depths from 0 to {MOST_SIZE} m, not {time_zero!r} s: they "
+            f"would come from {first:g} to {last:g} m."
+        )
     if imaging.tgc_db_per_cm != 0.0:
         depths = first + np.arange(len(envelopes)) * step
         envelopes = gain.amplified(envelopes, depths, imaging.tgc_db_per_cm)
@@ -177,10 +181,11 @@ def bmode(
     # lines, which are therefore put there at the end.
     if imaging.median_size > 1:
         pixels = np.asarray(cv2.medianBlur(pixels, imaging.median_size))
-    pixels[_beyond(imaging.height_px, imaging.pixel_size, first, step, len(decibels))] = 0
+    pixel = imaging.pixel_size
+    pixels[_beyond(imaging.height_px, pixel, first, last, max(step, pixel) / 2)] = 0
     if len(lines) > 1:
-        edge = float(lines[0]) - left
-        pixels[:, _beyond(imaging.width_px, imaging.pixel_size, edge, spacing, len(lines))] = 0
+        leftmost, rightmost = (float(line) - left for line in (lines[0], lines[-1]))
+        pixels[:, _beyond(imaging.width_px, pixel, leftmost, rightmost, spacing / 2)] = 0
     return np.asarray(pixels)
 
 
@@ -235,10 +240,10 @@ def log_compress(envelopes: npt.NDArray[np.float32], dynamic_range_db: float) ->
     return decibels.astype(np.float32, copy=False)
 
 
-def _beyond(n_out: int, pixel_size: float, first: float, step: float, n_in: int) -> npt.NDArray[np.bool_]:
-    """Return which pixels from 0 lie beyond samples at first, first + step, .. by more than half a step."""
-    centers, half = (np.arange(n_out) + 0.5) * pixel_size, step / 2 * (1 + 1e-9)
-    return (centers < first - half) | (centers > first + (n_in - 1) * step + half)
+def _beyond(n: int, pixel_size: float, first: float, last: float, margin: float) -> npt.NDArray[np.bool_]:
+    """Return which of n pixels from 0 on have a centre more than `margin` before `first` or after `last`."""
+    centers, margin = (np.arange(n) + 0.5) * pixel_size, margin * (1 + 1e-9)
+    return (centers < first - margin) | (centers > last + margin)
 
 
 @lru_cache(maxsize=64)

@@ -19,6 +19,7 @@ from state_files import read_state
 
 from usbench import records
 from usbench.compare import expected, sweep
+from usbench.envs.probe import LinearArray
 from usbench.records.lock import is_held, lock_of
 from usbench.trials.configuration import resolve
 
@@ -57,6 +58,14 @@ def run(configs, out, executor=here, jobs=1, notes=None):
 
 def journals(out):
     return {(path.parent.name, path.name): path.read_bytes() for path in sorted(out.glob("*/*.jsonl"))}
+
+
+def test_trials_with_the_same_frames_prepare_them_once():
+    own = {"senses": ("position",), "n_frames": 2, "noise": 0.5, "n_phantoms": 8}
+    alike = [resolve("dqn", "pp-tracked", steps=64, **{name: value}) for name, value in own.items()]
+    assert len({sweep._of_frames(config) for config in alike}) == 1
+    probe = LinearArray(n_lines=32)
+    assert sweep._of_frames(resolve("dqn", "pp-tracked", steps=64, probe=probe)).probe == probe
 
 
 def test_what_is_finished_is_skipped_and_the_rest_is_run(quick, tmp_path):

@@ -3,6 +3,7 @@
 import re
 import shutil
 
+import pandas as pd
 import pytest
 from made_tables import made, seeds
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -12,6 +13,7 @@ from usbench import cli, records
 from usbench.figures import comparison, plots, style
 from usbench.records import ConfigurationError
 from usbench.results import sources, tables
+from usbench.results.protocol import tuning as searched
 
 
 def test_one_trial_in_every_format(finished, tmp_path, capsys):
@@ -43,11 +45,23 @@ def test_a_format_that_is_named_twice_is_drawn_once(finished, tmp_path, capsys):
 
 def test_trials_of_one_name_have_one_learning_curve_that_of_the_last(finished, tmp_path):
     copy = shutil.copytree(finished, tmp_path / "copy" / finished.name)
+    assert [trial.folder for trial in plots._single([finished, copy], True)] == [copy]
+    write_state(copy, read_state(copy) | {"status": "running"})
+    assert [trial.folder for trial in plots._single([copy, finished, copy], True)] == [finished]
     drawn = plots.write([finished, copy], tmp_path / "figures")
     assert len(drawn) == len(set(drawn))
-    assert [path.stem for path in drawn if "learning_curve_" in path.stem] == [
-        f"learning_curve_{finished.name}"
-    ]
+
+
+def test_each_search_has_a_figure_and_the_same_search_one(tmp_path):
+    trials, columns = made(*seeds("vpg", [0.2, 0.4])), list(searched.COLUMNS)
+    for folder, scores in {"a": [0.1, 0.3], "b": [0.2, 0.4], "c": [0.1, 0.3]}.items():
+        tables.write(trials, tmp_path / folder)
+        rows = [["vpg", candidate, "fp", 0.0, 1000, score, 0] for candidate, score in enumerate(scores)]
+        searched.write(pd.DataFrame(rows, columns=columns), tmp_path / folder)
+    drawn = plots.write([tmp_path / folder for folder in "abc"], tmp_path / "figures")
+    first, second = (path for path in drawn if path.stem.startswith("tuning"))
+    assert (first.name, second.name) == ("tuning.png", "tuning_2.png")
+    assert first.read_bytes() != second.read_bytes()
 
 
 def test_a_trial_counts_once_and_others_beside_it_do_not(finished):

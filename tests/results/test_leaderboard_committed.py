@@ -11,6 +11,7 @@ from usbench.compare import plan, protocol, rest
 from usbench.figures import comparison, tuning
 from usbench.results import collecting, leaderboard, tables
 from usbench.results.protocol import further
+from usbench.results.protocol import tuning as searched
 
 TOP = Path(__file__).parents[2]
 
@@ -34,7 +35,7 @@ def test_committed_figures_come_from_the_committed_tables(board, tmp_path):
     # With the versions of constraints.txt: another matplotlib draws otherwise.
     folder = leaderboard.files(board)
     comparison.write(tables.read(folder), tmp_path)
-    tuning.write([folder], tmp_path)
+    tuning.write(searched.read(folder), tmp_path)
     committed, drawn = (
         {path.name: path.read_bytes() for path in place.glob("*.png")} for place in (folder, tmp_path)
     )

@@ -142,22 +142,6 @@ def test_table_is_read_as_it_was_written(tmp_path):
     assert tuning.read(tmp_path / "nowhere").empty
 
 
-def test_tables_of_several_folders_are_one_and_different_searches_of_a_row_are_refused(tmp_path):
-    for name, row, scores in (("a", "vpg", [0.1, 0.3]), ("b", "ppo", [0.2, 0.4]), ("c", "vpg", [0.1, 0.2])):
-        (tmp_path / name).mkdir()
-        record(tmp_path / name, row, scores)
-        tuning.write(tuning.gather(tmp_path / name), tmp_path / name)
-    known = tuning.together([tmp_path / name for name in ("a", "nowhere", "b", "a")])
-    assert {row: list(scores) for row, scores in tuning.candidates(known).items()} == {
-        row: list(scores)
-        for name in ("a", "b")
-        for row, scores in tuning.candidates(tuning.read(tmp_path / name)).items()
-    }
-    with pytest.raises(ConfigurationError, match="hold different searches of 'vpg': draw one after"):
-        tuning.together([tmp_path / "a", tmp_path / "c"])
-    assert tuning.together([tmp_path / "nowhere"]).empty
-
-
 def test_folder_without_records_is_refused(tmp_path):
     with pytest.raises(ConfigurationError, match="there is no record of a search in"):
         tuning.gather(tmp_path)

@@ -89,7 +89,7 @@ def _call(args: argparse.Namespace) -> None:
     if search is not None:
         searched.write(search, folder)
     # First: the page shows those that there are.
-    figures = [*comparison.write(known, folder), *tuning.write([folder], folder)]
+    figures = [*comparison.write(known, folder), *tuning.write(searched.read(folder), folder)]
     for written in [*leaderboard.write(folder, path), *figures]:
         print(written)
 

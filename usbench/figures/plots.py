@@ -3,10 +3,13 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import pandas as pd
+
 from usbench import records
 from usbench.figures import comparison, learning_curve, style, tuning
 from usbench.records import ConfigurationError, Trial
 from usbench.results import sources
+from usbench.results.protocol import tuning as searched
 
 
 def write(
@@ -36,9 +39,7 @@ def write(
             )
     formats = list(dict.fromkeys(formats))
     known = sources.gather(paths, damaged)
-    # Also of a trial that is still running; of those with the same name the last, as in `gather`.
-    readable = filter(None, (_readable(path, damaged is None) for path in paths))
-    single = {trial.name: trial for trial in readable if trial.config.steps}.values()
+    single = _single(paths, damaged is None)
     if known.curves.empty and not single:
         raise ConfigurationError(
             f"there is no finished trial to draw in {', '.join(repr(str(path)) for path in paths)}."
@@ -53,8 +54,33 @@ def write(
         for trial in single
         for kind in formats
     ]
-    searched = tuning.write([sources.folder_of(path) for path in paths], out, formats)
-    return [*curves, *comparison.write(known, out, formats), *searched]
+    return [*curves, *comparison.write(known, out, formats), *_searches(paths, out, formats)]
+
+
+def _single(paths: Sequence[Path], strictly: bool) -> list[Trial]:
+    """Return the trials among `paths` that learn, also one that is still running.
+
+    Of those with the same name it is the last that is finished, as in `sources.gather`.
+    """
+    found: dict[str, Trial] = {}
+    for trial in filter(None, (_readable(path, strictly) for path in paths)):
+        kept = found.get(trial.name)
+        if trial.config.steps and (kept is None or trial.status == "finished" or kept.status != "finished"):
+            found[trial.name] = trial
+    return list(found.values())
+
+
+def _searches(paths: Sequence[Path], out: Path, formats: Sequence[str]) -> list[Path]:
+    """Draw a figure of each search that differs from those before it; the second is called `tuning_2`."""
+    found: list[pd.DataFrame] = []
+    for table in (searched.read(sources.folder_of(path)) for path in paths):
+        if not (table.empty or any(table.equals(other) for other in found)):
+            found.append(table)
+    files = []
+    for number, table in enumerate(found, 1):
+        name = tuning.NAME if number == 1 else f"{tuning.NAME}_{number}"
+        files += tuning.write(table, out, formats, name)
+    return files
 
 
 def _readable(folder: Path, strictly: bool) -> Trial | None:

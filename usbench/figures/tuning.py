@@ -15,15 +15,10 @@ NAME = "tuning"
 DIVERGED_AT = 0.015
 
 
-def write(folders: Sequence[Path], out: Path, formats: Sequence[str] = ("png",)) -> list[Path]:
-    """Draw the figure of the tables in `folders` into `out`; return the paths, none without such a table.
-
-    Raises:
-        ConfigurationError: If the folders hold different searches of a row.
-        ValueError: If a file is no such table.
-    """
-    figure = draw(tuning.together(folders))
-    return [] if figure is None else [style.save(figure, out / f"{NAME}.{kind}") for kind in formats]
+def write(known: pd.DataFrame, out: Path, formats: Sequence[str] = ("png",), name: str = NAME) -> list[Path]:
+    """Draw the figure of a table of `tuning.read` into `out`; return the paths, none without rows."""
+    figure = draw(known)
+    return [] if figure is None else [style.save(figure, out / f"{name}.{kind}") for kind in formats]
 
 
 def draw(known: pd.DataFrame) -> Figure | None:

@@ -3,7 +3,6 @@
 Of the first rung alone, in which every candidate was trained; what survived it says nothing of the others.
 """
 
-from collections.abc import Sequence
 from itertools import product
 from math import comb
 from pathlib import Path
@@ -73,26 +72,6 @@ def read(folder: Path) -> pd.DataFrame:
         return known.astype({"candidate": int, "noise": float, "seed": int, "score": float, "rung": int})
     except (KeyError, ValueError) as error:
         raise ValueError(f"{path} is not a table of a search: {in_one_line(error)}") from error
-
-
-def together(folders: Sequence[Path]) -> pd.DataFrame:
-    """Return the tables of several folders as one; a search that two folders hold counts once.
-
-    Raises:
-        ConfigurationError: If the folders hold different searches of a row.
-        ValueError: If a file is no such table.
-    """
-    found = [read(folder) for folder in folders]
-    filled = [one for one in found if not one.empty] or found[:1]
-    known = pd.concat(filled, ignore_index=True).drop_duplicates()
-    twice = known.duplicated([name for name in COLUMNS if name != "score"])
-    if twice.any():
-        row = known.loc[twice, "row"].iloc[0]
-        raise ConfigurationError(
-            f"{', '.join(repr(str(folder)) for folder in folders)} hold different searches of {row!r}: draw "
-            "one after the other."
-        )
-    return known
 
 
 def candidates(known: pd.DataFrame) -> dict[str, stats.Array]:
