@@ -138,6 +138,10 @@ def bmode(
         (height_px, width_px) uint8; 255 is the maximum, 0 is `dynamic_range_db` below it or weaker. Black too
         is what lies more than half a step beyond the outermost lines, and rows that no sample reaches. A line
         alone fills the image's width.
+
+    Raises:
+        TypeError: If a value is no number.
+        ValueError: If shapes do not fit, a value is not allowed, or no sample comes from 0 to 0.5 m of depth.
     """
     envelopes = envelope(signals)
     lines = real("line_positions", line_positions)
