@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import json
 import reprlib
 import warnings
 from collections import defaultdict
@@ -18,6 +19,7 @@ from gymnasium.vector import AutoresetMode
 
 from usbench import anatomy_record, suite
 from usbench.anchors import Anchors
+from usbench.ceilings import ACTIONS
 from usbench.checks import as_configuration_error, probability, whole_number
 from usbench.envs import oracle
 from usbench.envs.anatomy import Anatomy
@@ -394,6 +396,25 @@ def make_vec_env(
     return Setting(task=task, **setting).make_vec_env(
         num_envs, autoreset_mode=autoreset_mode, render_mode=render_mode
     )
+
+
+def task_environment(task: str) -> dict[str, Any]:
+    """Return what a trial on the task as it is has recorded of its environment."""
+    found: dict[str, Any] = json.loads(json.dumps(Setting(task=task).record()))
+    return found
+
+
+def is_on_its_task(config: TrialConfig) -> bool:
+    """Return whether the environment of a trial is that of its task, so that scores may stand side by side.
+
+    An agent may be told less than its task tells, and its own last actions.
+
+    Raises:
+        ConfigurationError: If the task is not installed.
+    """
+    task, own = task_environment(config.task), dict(config.environment)
+    told, its_own = ({*environment.pop("senses", ())} for environment in (task, own))
+    return bool(its_own <= {*told, ACTIONS} and own == task)
 
 
 def _of_all(report: Report, at_end: int, total: int, done: int, missing: int) -> None:
