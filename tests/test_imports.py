@@ -110,7 +110,7 @@ BELOW = tuple(
         "words",
     ]
 )
-SCENE = ("usbench.setting", "usbench.setting_files", "usbench.suite", "usbench.envs")
+SCENE = ("usbench.setting", "usbench.setting_parts", "usbench.own_task", "usbench.suite", "usbench.envs")
 # Modules that ask agents, which takes torch.
 ASKING = {"watch/advice", "watch/selection", "report/actions"}
 # Figures about poses know what a task is.
@@ -195,6 +195,7 @@ def test_comparisons_import_no_page_and_no_command(path):
         "trials",
         "figures",
         "results",
+        "own_task",
         "setting",
         "suite",
         "records",

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from usbench.envs.scanner import scan
     from usbench.records.trial import load_trial, load_trials
     from usbench.setting import make_env, make_vec_env
-    from usbench.setting_files import read_probe
+    from usbench.setting_parts.toml_files import read_probe
     from usbench.trials.model_loading import load_agent
 
 __version__ = "0.1.0"
@@ -54,7 +54,7 @@ _MODULES = {
     "make_env": "usbench.setting",
     "make_vec_env": "usbench.setting",
     "read_points": "usbench.envs.anatomy.points",
-    "read_probe": "usbench.setting_files",
+    "read_probe": "usbench.setting_parts.toml_files",
     "scan": "usbench.envs.scanner",
     "simulate_rf": "usbench.envs.rf",
     "simulated_bmode": "usbench.envs.bmode",

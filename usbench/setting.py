@@ -3,31 +3,23 @@
 from __future__ import annotations
 
 import contextlib
-import hashlib
-import json
 import reprlib
 import warnings
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
-from typing import Any, TypeVar
+from typing import Any
 
 import gymnasium as gym
 from gymnasium.envs.registration import load_env_creator
 from gymnasium.vector import AutoresetMode
 
-from usbench import anatomy_record, suite
+from usbench import suite
 from usbench.anchors import Anchors
-from usbench.ceilings import ACTIONS
 from usbench.checks import as_configuration_error, probability, whole_number
 from usbench.envs import oracle
 from usbench.envs.anatomy import Anatomy
 from usbench.envs.bmode import Imaging
-from usbench.envs.ceilings.scene_model import SceneModel, scene_model
-from usbench.envs.ceilings.teacher import Teacher, teacher
-from usbench.envs.frames import frame_store
-from usbench.envs.observation.symmetries import Symmetries, symmetries
 from usbench.envs.observation.wrappers import ImageStack, NormalizeImage
 from usbench.envs.pose import Pose
 from usbench.envs.probe import DEFAULT_ARRAY, LinearArray
@@ -37,13 +29,13 @@ from usbench.envs.tissue import Tissue
 from usbench.envs.vector.wrappers import VectorImageStack, VectorNormalizeImage
 from usbench.records import MAX_FRAMES, ConfigurationError, Frames, TrialConfig
 from usbench.records import scene as scene_record
+from usbench.setting_parts import anatomy_record
+from usbench.setting_parts.evaluation_frames import EvaluationFrames, Report
 
 TRUE_REWARD = "normalized"
 TRAINED_ON = (TRUE_REWARD, IMAGE)
 # What decides how images look: in other images than those of its training, an agent's actions mean nothing.
 LOOKS = ("anatomy", "probe", "imaging")
-Report = Callable[[int, int], None]
-T = TypeVar("T")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,7 +81,7 @@ class Setting:
             if self.anatomy is not None:
                 self._check_anatomy(self.anatomy)
             if self.n_phantoms is not None:
-                self._check_drawn("n_phantoms")
+                self.check_drawn("n_phantoms")
             plain = self.plain_env()
             object.__setattr__(self, "probe", plain.probe)
             object.__setattr__(self, "imaging", plain.imaging)
@@ -237,43 +229,6 @@ class Setting:
             rewards = tuple(self.scored.plain_env().state_rewards().tolist())
         return oracle.DecisionProcess(self.guidance, self.noise, target=target, rewards=rewards)
 
-    def symmetries(self) -> Symmetries:
-        """Return what an observation and an action of the task become by its exact symmetries.
-
-        Where the tissue is the same in all episodes, its speckle tells poses apart that would be alike
-        otherwise: there is none then but that which changes nothing.
-        """
-        return symmetries(self.plain_env().senses, of_drawn_tissue=bool(self.row.phantoms))
-
-    def teacher(self) -> Teacher:
-        """Return who knows the costs of actions by what an agent with these senses can know at best.
-
-        Raises:
-            ConfigurationError: If the task draws no phantoms, or its beliefs cannot be listed.
-        """
-        return self._of_drawn_phantoms(teacher, "a teacher")
-
-    def scene_model(self) -> SceneModel:
-        """Return what a classical agent knows of the task.
-
-        Raises:
-            ConfigurationError: If the task draws no phantoms, moves the focus, or does not tell the pose.
-        """
-        return self._of_drawn_phantoms(scene_model, "a classical agent")
-
-    def _check_drawn(self, what: str) -> None:
-        """Raise ValueError if the task draws no phantoms, for which alone `what` is."""
-        if not self.row.phantoms:
-            drawing = ", ".join(repr(name) for name, row in suite.TASKS.items() if row.phantoms)
-            raise ValueError(f"{what} is for tasks that draw phantoms ({drawing}), not for {self.task!r}.")
-
-    def _of_drawn_phantoms(self, made: Callable[..., T], what: str) -> T:
-        """Return what is made for the task, its phantoms, senses and noise."""
-        with as_configuration_error():
-            self._check_drawn(what)
-            plain = self.plain_env()
-            return made(plain.task, plain.distribution, plain.senses.names, self.noise)
-
     def plan(self, target: Pose) -> oracle.Policy:
         """Return the best policy that knows the pose of the probe and the pose that shows the object best."""
         return self.process(target).policy()
@@ -283,43 +238,43 @@ class Setting:
         own = oracle.PAPER_TARGET if self.row.phantoms else self.plain_env().phantom.target
         return oracle.Planner(self.process(own))
 
-    def prepare_frames(self, report: Report | None = None) -> Frames:
-        """Simulate the frames of the evaluation, unless they are kept; return their digest.
+    def evaluation_frames(self) -> EvaluationFrames:
+        """Return the frames that are simulated before the evaluation.
 
         They are those of every pose that the task can reach, in every phantom of the evaluation, or those
         with which its episodes begin (`Row.every_frame`). Training has other phantoms where there are many.
         """
-        parts = self._evaluated()
-        digests, done, total = [], 0, sum(len(poses) for _, poses in parts)
-        for phantom, poses in parts:
-            store = frame_store(phantom, self.probe, self.imaging)
-            done += len(poses)
-            store.prepare(poses, report and partial(_of_all, report, done, total))
-            digests.append(store.digest(poses))
-        one = digests[0] if len(digests) == 1 else hashlib.sha256("".join(digests).encode()).hexdigest()
-        return Frames(one, total)
-
-    def has_frames(self) -> bool:
-        """Return whether all frames that `prepare_frames` would simulate are kept."""
-        return all(
-            all(map(frame_store(phantom, self.probe, self.imaging).has, poses))
-            for phantom, poses in self._evaluated()
-        )
-
-    def _evaluated(self) -> list[tuple[Tissue, tuple[Pose, ...]]]:
-        """Return the phantoms of the evaluation, each with the poses whose frames are made beforehand."""
         starts = defaultdict(list)
         for episode in self.evaluation_episodes():
             starts[episode.phantom_index].append(episode.start)
-        return [
+        views = (
             (phantom, self.guidance.states if self.row.every_frame else tuple(starts[place]))
             for place, phantom in enumerate(self.evaluation_phantoms())
-        ]
+        )
+        return EvaluationFrames(tuple(views), self.probe, self.imaging)
+
+    def prepare_frames(self, report: Report | None = None) -> Frames:
+        """Simulate the frames of the evaluation, unless they are kept; return their digest.
+
+        Args:
+            report: Is told how many there are by now, and how many there will be.
+        """
+        return self.evaluation_frames().prepare(report)
 
     @property
     def scored(self) -> Setting:
         """The same setting with the true reward, by which every agent is judged."""
         return replace(self, reward=TRUE_REWARD)
+
+    def check_drawn(self, what: str) -> None:
+        """Refuse `what` where it is for tasks that draw phantoms alone, and this one does not.
+
+        Raises:
+            ValueError: If the task draws no phantoms.
+        """
+        if not self.row.phantoms:
+            drawing = ", ".join(repr(name) for name, row in suite.TASKS.items() if row.phantoms)
+            raise ValueError(f"{what} is for tasks that draw phantoms ({drawing}), not for {self.task!r}.")
 
     def _check_set(self, digest: object) -> None:
         """Raise ConfigurationError unless the set of training phantoms is the recorded one, if one is."""
@@ -396,27 +351,3 @@ def make_vec_env(
     return Setting(task=task, **setting).make_vec_env(
         num_envs, autoreset_mode=autoreset_mode, render_mode=render_mode
     )
-
-
-def task_environment(task: str) -> dict[str, Any]:
-    """Return what a trial on the task as it is has recorded of its environment."""
-    found: dict[str, Any] = json.loads(json.dumps(Setting(task=task).record()))
-    return found
-
-
-def is_on_its_task(config: TrialConfig) -> bool:
-    """Return whether the environment of a trial is that of its task, so that scores may stand side by side.
-
-    An agent may be told less than its task tells, and its own last actions.
-
-    Raises:
-        ConfigurationError: If the task is not installed.
-    """
-    task, own = task_environment(config.task), dict(config.environment)
-    told, its_own = ({*environment.pop("senses", ())} for environment in (task, own))
-    return bool(its_own <= {*told, ACTIONS} and own == task)
-
-
-def _of_all(report: Report, at_end: int, total: int, done: int, missing: int) -> None:
-    """Report how many frames of all phantoms there are: `at_end` when those `missing` of one are `done`."""
-    report(at_end - missing + done, total)

@@ -7,7 +7,7 @@ from typing import Any
 from usbench.agents.hyperparameters import Value
 from usbench.checks import unknown
 
-# The methods of a `Setting` that make what an agent may need beside the environment.
+# What an agent may need beside the environment: functions of `usbench.trials.knowledge`.
 NEEDS = ("teacher", "scene_model")
 
 
@@ -16,7 +16,7 @@ class Entry:
     """A row of the table. Texts "module:name" stand for what is imported when a model is made.
 
     Raises:
-        ValueError: `needs` names nothing that a `Setting` makes.
+        ValueError: `needs` names nothing that a task gives.
     """
 
     cls: str
@@ -34,8 +34,8 @@ class Entry:
     # How many environments in step it learns in, unless a trial says otherwise.
     n_envs: int = 1
     learns: bool = True
-    # What a `Setting` makes for it beside the environment, by the name of the method. An agent with a need
-    # learns from knowledge of the simulator; those of `usbench.ceilings.TAUGHT` are not ranked.
+    # What it is given of its task beside the environment, one of `NEEDS`. An agent with a need learns from
+    # knowledge of the simulator; those of `usbench.ceilings.TAUGHT` are not ranked.
     needs: str = ""
     # Whether the agent looks at frames; for an agent that does not look, no frames are simulated.
     looks: bool = True
@@ -45,7 +45,7 @@ class Entry:
     title: str = ""
 
     def __post_init__(self) -> None:
-        """Check that a `Setting` makes what is needed."""
+        """Check that a task gives what is needed."""
         if self.needs and self.needs not in NEEDS:
             raise unknown("need of an algorithm", self.needs, NEEDS)
 

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 import usbench
-from usbench import cli, records, setting_files
+from usbench import cli, records
 from usbench.envs.bmode import Imaging
 from usbench.envs.probe import LinearArray
 from usbench.setting import Setting
+from usbench.setting_parts import toml_files
 from usbench.trials.configuration import resolve
 
 RUN = ["run", "--algo", "dqn", "--task", "pp", "--steps", "10", "--quiet"]
@@ -27,7 +28,7 @@ def test_defaults_are_a_file_of_every_field_explained(kind, part, capsys, tmp_pa
     assert text.count("# ") == len(asdict(part)) + text.count(" =\n")
     assert all(f"# {name} =\n" in text for name in asdict(part).keys() - values.keys())
     (tmp_path / "file.toml").write_text(text)
-    assert getattr(setting_files, f"read_{kind}")(tmp_path / "file.toml") == part
+    assert getattr(toml_files, f"read_{kind}")(tmp_path / "file.toml") == part
 
 
 def test_defaults_of_something_else_are_refused(capsys):
@@ -79,10 +80,10 @@ def test_they_are_part_of_the_configuration_and_found_again():
 BANDS = {"l7-4": (4e6, 7e6), "l11-4v": (3.85e6, 10.63e6), "l12-5": (5e6, 11e6)}
 
 
-@pytest.mark.parametrize("name", setting_files.presets())
+@pytest.mark.parametrize("name", toml_files.presets())
 def test_a_preset_is_a_probe_with_sources_and_full_apertures(name, capsys):
     probe = usbench.read_probe(name)
-    assert probe == usbench.read_probe(name.upper()) == setting_files.read_probe(Path(name))
+    assert probe == usbench.read_probe(name.upper()) == toml_files.read_probe(Path(name))
     # No line lies beyond the last full aperture.
     assert probe.line_positions == pytest.approx(probe.aperture_centers(probe.line_positions), abs=1e-9)
     assert cli.main(["defaults", name]) == 0
@@ -90,7 +91,7 @@ def test_a_preset_is_a_probe_with_sources_and_full_apertures(name, capsys):
     assert LinearArray(**tomllib.loads(text)) == probe and "computeTrans.m" in text
 
 
-@pytest.mark.parametrize("name", setting_files.presets())
+@pytest.mark.parametrize("name", toml_files.presets())
 def test_a_preset_has_the_band_of_its_transducer(name):
     probe = usbench.read_probe(name)
     # Without the excitation, which the manufacturer's band does not contain.
@@ -106,7 +107,7 @@ def test_a_preset_has_the_band_of_its_transducer(name):
 def test_presets_are_listed_and_a_close_name_is_told(capsys):
     assert cli.main(["list"]) == 0
     listed = capsys.readouterr().out
-    assert all(name in listed for name in setting_files.presets())
+    assert all(name in listed for name in toml_files.presets())
     assert cli.main([*RUN, "--probe", "l7-5"]) == 2
     assert "did you mean 'l7-4'?" in capsys.readouterr().err
 
@@ -121,7 +122,7 @@ def test_a_file_with_noise_and_a_curve_of_gain_is_read(tmp_path):
     path = tmp_path / "imaging.toml"
     path.write_text("noise_db = 60\ntgc_db_per_cm = [[0.0, 0], [0.05, 20]]\n")
     curve = ((0.0, 0.0), (0.05, 20.0))
-    assert setting_files.read_imaging(path) == Imaging(noise_db=60.0, tgc_db_per_cm=curve)
+    assert toml_files.read_imaging(path) == Imaging(noise_db=60.0, tgc_db_per_cm=curve)
 
 
 @pytest.mark.slow

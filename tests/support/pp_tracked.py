@@ -3,9 +3,10 @@
 import torch
 
 from usbench.setting import Setting
+from usbench.trials import knowledge
 
 SETTING = Setting(task="pp-tracked", senses=("position", "heading", "actions"), n_frames=2)
-SYMMETRIES = SETTING.symmetries()
+SYMMETRIES = knowledge.symmetries(SETTING)
 
 
 def observations(n=40, seed=0):

@@ -47,7 +47,7 @@ def speed_up(monkeypatch):
         plain = getattr(oracle, name).__wrapped__
         monkeypatch.setattr(oracle, name, functools.lru_cache(maxsize=256)(plain))
     monkeypatch.setattr("usbench.envs.guidance.frame_store", drawn)
-    monkeypatch.setattr("usbench.setting.frame_store", drawn)
+    monkeypatch.setattr("usbench.setting_parts.evaluation_frames.frame_store", drawn)
     monkeypatch.setattr("usbench.trials.tensorboard.frame_store", drawn)
     if suite.TASKS["pp"].checkpoints != QUICK_CHECKPOINTS:  # fixtures may ask for it within each other
         rows = {name: _with_fewer_evaluations(row) for name, row in suite.TASKS.items()}

@@ -8,13 +8,14 @@ import pytest
 from PIL import Image
 from volumes import block
 
-from usbench import anatomy_record, cli
+from usbench import cli
 from usbench.cli.phantom import custom_anatomy
 from usbench.envs.anatomy import Echogenicity, Placement, Recording
 from usbench.envs.anatomy.volume_file import read
 from usbench.envs.pose import Pose
 from usbench.records import ConfigurationError
 from usbench.setting import Setting
+from usbench.setting_parts import anatomy_record
 
 TARGET = ["target_x_mm=10", "target_angle_deg=30"]
 RUN = ["run", "--algo", "vpg", "--task", "pp", "--steps", "64", "--quiet", "--phantom"]

@@ -11,7 +11,7 @@ from state_files import read_state
 from stored import fresh_stores
 from volumes import block, write
 
-from usbench import anatomy_record, cli, records, suite
+from usbench import cli, records, suite
 from usbench.cli.phantom import custom_anatomy
 from usbench.envs import frames, guidance, oracle
 from usbench.envs.anatomy import tissue
@@ -23,6 +23,7 @@ from usbench.records import ConfigurationError, Trial
 from usbench.report import agents, poses
 from usbench.results import collecting
 from usbench.setting import Setting
+from usbench.setting_parts import anatomy_record
 from usbench.trials import runner
 from usbench.trials.configuration import resolve
 from usbench.trials.model_loading import load_agent

@@ -11,9 +11,10 @@ from state_files import read_state
 
 from usbench import cli, records
 from usbench.agents import plugins, zoo
-from usbench.agents.rows.entry import Entry
+from usbench.agents.rows.entry import NEEDS, Entry
 from usbench.envs.pose import Pose
 from usbench.envs.tasks.examination import EXAMINATION
+from usbench.trials import knowledge
 from usbench.trials.configuration import resolve
 from usbench.trials.model_loading import load_agent
 from usbench.trials.runner import run_trial
@@ -164,8 +165,12 @@ def test_a_trial_of_a_class_from_outside_is_watched_without_advice_and_not_guide
     assert shown.out == "" and "cannot advise: asking it would run the code of 'mine:Counter'" in shown.err
 
 
+def test_all_that_a_row_may_need_is_known():
+    assert set(NEEDS) == set(knowledge.NEEDS)
+
+
 @pytest.mark.parametrize("need", ["teachers", "anchors"])
-def test_a_row_that_needs_what_no_setting_makes_is_refused(need):
+def test_a_row_that_needs_what_no_task_gives_is_refused(need):
     with pytest.raises(ValueError, match=f"unknown need of an algorithm '{need}'"):
         Entry("mine:Counter", needs=need)
 

@@ -23,7 +23,7 @@ def test_machine_that_differs_says_so_in_record_and_footnote(quick, tmp_path, mo
     other = {**runner.versions(), "numpy": "0.1"}
     monkeypatch.setattr(runner, "versions", lambda: other)
     frames = BrighterFrames()
-    monkeypatch.setattr("usbench.setting.frame_store", lambda *_: frames)
+    monkeypatch.setattr("usbench.setting_parts.evaluation_frames.frame_store", lambda *_: frames)
     runner.run_trial(configs[2], tmp_path / "runs")
 
     states = [read_state(tmp_path / "runs" / config.folder_name) for config in configs]

@@ -187,10 +187,10 @@ def probe_and_imaging(args: argparse.Namespace) -> "dict[str, Any]":
     Raises:
         ConfigurationError: If a file cannot be used; one sentence says why.
     """
-    from usbench import setting_files
+    from usbench.setting_parts import toml_files
 
     return {
         kind: read(path)
-        for kind, read in (("probe", setting_files.read_probe), ("imaging", setting_files.read_imaging))
+        for kind, read in (("probe", toml_files.read_probe), ("imaging", toml_files.read_imaging))
         if (path := getattr(args, kind)) is not None
     }

@@ -28,6 +28,6 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
 
 
 def _call(args: argparse.Namespace) -> None:
-    from usbench import setting_files
+    from usbench.setting_parts import toml_files
 
-    print(setting_files.defaults(args.kind), end="")
+    print(toml_files.defaults(args.kind), end="")

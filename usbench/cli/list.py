@@ -42,9 +42,10 @@ def _call(args: argparse.Namespace) -> None:
 
 def _everything() -> list[Table]:
     """Return the tables of tasks, algorithms and probes: a line for each."""
-    from usbench import setting_files, suite
+    from usbench import suite
     from usbench.agents.plugins import registered
     from usbench.agents.zoo import ZOO
+    from usbench.setting_parts import toml_files
 
     tasks = _table(
         "tasks: usbench list TASK shows actions and Gymnasium id", "task", "training steps", "title"
@@ -59,7 +60,7 @@ def _everything() -> list[Table]:
     for name, place in registered().items():
         algorithms.add_row(name, f"from {place}")
     probes = _table("probes, for --probe: usbench defaults PROBE shows the fields", "probe", "what it is")
-    for name, title in setting_files.presets().items():
+    for name, title in toml_files.presets().items():
         probes.add_row(name, title)
     return [tasks, algorithms, probes]
 
@@ -70,9 +71,10 @@ def _one(name: str) -> Table:
     Raises:
         ConfigurationError: If there is none of that name; the message says the closest.
     """
-    from usbench import released, setting_files, suite
+    from usbench import released, suite
     from usbench.agents import plugins, zoo
     from usbench.checks import ConfigurationError, unknown
+    from usbench.setting_parts import toml_files
     from usbench.words import network_apart
 
     if name in suite.TASKS:
@@ -82,7 +84,7 @@ def _one(name: str) -> Table:
             f"{name!r} is neither algorithm nor task but a trained agent that comes with the package: "
             f"usbench watch {name}."
         )
-    if name.lower() in setting_files.presets():
+    if name.lower() in toml_files.presets():
         raise ConfigurationError(
             f"{name!r} is neither algorithm nor task but a probe: usbench defaults {name} shows its fields."
         )

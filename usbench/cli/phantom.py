@@ -27,8 +27,8 @@ def add_phantom(parser: argparse.ArgumentParser, target: str = "") -> None:
 
 def custom_anatomy(words: Sequence[str], *, looking: bool = False) -> "Anatomy | None":
     """Return the anatomy of the option --phantom, None without it; errors are those of `read`."""
-    from usbench import anatomy_record
     from usbench.records import ConfigurationError
+    from usbench.setting_parts import anatomy_record
 
     if not words:
         return None

@@ -8,10 +8,10 @@ from usbench import suite
 from usbench.ceilings import ACTIONS
 from usbench.checks import as_configuration_error, whole_number
 from usbench.compare.protocol import Extra, Protocol
+from usbench.own_task import is_on_its_task
 from usbench.records import ConfigurationError, TrialConfig
 from usbench.results.agents import REFERENCE_POLICIES
 from usbench.results.protocol import unseen
-from usbench.setting import is_on_its_task
 from usbench.trials.configuration import resolve
 from usbench.words import with_network
 

@@ -15,8 +15,8 @@ from usbench.atomic import move_whole, scratch_folder
 from usbench.ceilings import taught
 from usbench.compare import model_card
 from usbench.compare.model_card import OWN
+from usbench.own_task import is_on_its_task
 from usbench.records import ConfigurationError, Trial, checksums
-from usbench.setting import is_on_its_task
 from usbench.suite import PAPER
 from usbench.trials.model_loading import TARGET, load_agent, twin_of
 

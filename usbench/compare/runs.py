@@ -7,11 +7,11 @@ import pandas as pd
 
 from usbench import records
 from usbench.figures import comparison
+from usbench.own_task import is_on_its_task
 from usbench.records import ConfigurationError, TrialConfig
 from usbench.records.lock import locked
 from usbench.results import additions, collecting, held_out, leaderboard, studies, tables
 from usbench.results.tables import Results
-from usbench.setting import is_on_its_task
 
 
 def gather(runs: Path) -> tuple[Results, pd.DataFrame]:

@@ -15,11 +15,12 @@ import pandas as pd
 
 from usbench import records, seed_pools, suite
 from usbench.checks import ConfigurationError
+from usbench.own_task import is_on_its_task, task_environment
 from usbench.records import Trial
 from usbench.records.facts import Facts
 from usbench.results import collecting
 from usbench.results.protocol import further, unseen
-from usbench.setting import Setting, is_on_its_task, task_environment
+from usbench.setting import Setting
 
 # What a submission holds of each trial; its weights are not asked for.
 FILES = (records.TRIAL, records.EPISODES, records.EVALUATIONS)

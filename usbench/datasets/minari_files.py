@@ -187,7 +187,7 @@ def _played(
     whom = ", ".join(opened)
     tell(f"{n_episodes} episode{'' if n_episodes == 1 else 's'} of {setting.task}, played by {whom}")
     if setting.row.every_frame and not setting.row.phantoms:
-        if not setting.has_frames():
+        if not setting.evaluation_frames().are_kept():
             tell("simulating the frames that are not kept yet")
         setting.prepare_frames()
     seeds = np.random.SeedSequence(seed).generate_state(n_episodes).astype(int).tolist()

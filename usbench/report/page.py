@@ -9,12 +9,13 @@ import jinja2
 from usbench import records, suite
 from usbench.atomic import atomic_file
 from usbench.figures import style
+from usbench.own_task import is_on_its_task
 from usbench.records import ConfigurationError, Trial
 from usbench.report import agents, pictures, poses, tables, text
 from usbench.results import leaderboard, scores, sources, studies, verdict
 from usbench.results.protocol import further
 from usbench.results.tables import Results
-from usbench.setting import Setting, is_on_its_task
+from usbench.setting import Setting
 
 Tell = Callable[[str], None]
 ENDINGS = (".html",)

@@ -12,6 +12,7 @@ from usbench.checks import as_configuration_error, check_seed, unknown, whole_nu
 from usbench.records import TrialConfig
 from usbench.records.configuration import LARGEST_COUNT, MAX_ENVS
 from usbench.setting import Setting
+from usbench.trials import knowledge
 
 # What `resolve` takes beside names of algorithm and task: values of its own, and those of a setting.
 OWN = ("seed", "steps", "n_envs", "preset", "overrides")
@@ -71,7 +72,7 @@ def resolve(
         entry = zoo.entry(algo)
         met = Setting(task=task, **setting)
         if entry.needs:
-            getattr(met, entry.needs)()
+            knowledge.NEEDS[entry.needs](met)
         if entry.policy is not None:
             _check_stack(met)
         hyperparameters = zoo.hyperparameters(algo, task, preset=preset, overrides=overrides or {})

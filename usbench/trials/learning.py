@@ -21,7 +21,7 @@ from usbench.envs.observation import senses
 from usbench.records import EPISODES, EVALUATIONS, Trial, checksums
 from usbench.records.journal import Journal
 from usbench.setting import Setting
-from usbench.trials import interruption
+from usbench.trials import interruption, knowledge
 from usbench.trials.callback import Progress, TrainingWatch
 from usbench.trials.evaluation import Evaluator
 from usbench.trials.recorder import Recorder, Report, VectorRecorder
@@ -39,11 +39,11 @@ def make_agent(setting: Setting, algo: str, env: Any, seed: int, hyperparameters
     if getattr(model_class, "sees_state", False):
         kwargs["policy"] = setting.planner()
     if getattr(model_class, "takes_symmetries", False):
-        kwargs["symmetries"] = setting.symmetries()
+        kwargs["symmetries"] = knowledge.symmetries(setting)
     if getattr(model_class, "takes_teacher", False):
-        kwargs["teacher"] = setting.teacher()
+        kwargs["teacher"] = knowledge.teacher(setting)
     if getattr(model_class, "takes_model", False):
-        kwargs["model"] = setting.scene_model()
+        kwargs["model"] = knowledge.scene_model(setting)
     return zoo.make(algo, env, seed, hyperparameters, **kwargs)
 
 

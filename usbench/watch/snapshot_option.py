@@ -7,7 +7,6 @@ from typing import Any
 
 from gymnasium.envs.registration import load_env_creator
 
-from usbench import setting_files
 from usbench.checks import as_configuration_error, number, whole_number
 from usbench.envs.anatomy.points import PointScatterers
 from usbench.envs.bmode import DEFAULT_IMAGING, MOST_DB, MOST_SIZE, Imaging
@@ -19,6 +18,7 @@ from usbench.envs.tasks.phantom_distribution import PhantomDistribution, phantom
 from usbench.envs.tasks.random_phantoms import RandomPhantomEnv
 from usbench.envs.tissue import Tissue
 from usbench.records import ConfigurationError
+from usbench.setting_parts import toml_files
 from usbench.tasks import PAPER, row_of, rows
 
 # As far as the simulator focuses; a focus below the phantom is allowed, as on a scanner.
@@ -52,7 +52,7 @@ class Source:
     @property
     def changes(self) -> list[str]:
         """What differs from the task's own: a probe of usbench by its name, else fields as "n_lines 96"."""
-        name = setting_files.preset_of(self.probe)
+        name = toml_files.preset_of(self.probe)
         probe = [f"probe {name}"] if name else _changed(self.probe, DEFAULT_ARRAY)
         return probe + _changed(self.imaging, self.usual)
 

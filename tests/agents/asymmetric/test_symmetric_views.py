@@ -13,6 +13,7 @@ from usbench.agents.asymmetric.ppo import AsymmetricPPO
 from usbench.agents.value_based.views import Views
 from usbench.agents.vec_env import SB3VecEnv
 from usbench.setting import Setting
+from usbench.trials import knowledge
 from usbench.trials.learning import make_agent
 
 SMALL = {"n_steps": 64, "batch_size": 16, "n_epochs": 2}
@@ -60,7 +61,7 @@ def same(seen, other):
 
 @both
 def test_a_sample_is_a_view_of_its_step_with_the_steps_advantage_and_state(setting):
-    symmetries, rollout = setting.symmetries(), filled(model(setting)).rollout_buffer
+    symmetries, rollout = knowledge.symmetries(setting), filled(model(setting)).rollout_buffer
     advantages, seen, actions, states = steps_of(rollout)
     assert len(np.unique(advantages)) == len(advantages) == 64  # by which a sample is known
     met = []
@@ -161,7 +162,7 @@ def test_images_that_have_their_channels_first_are_refused():
     env = DummyVecEnv([lambda: gym.make("usbench/ProbePlane-v0")])
     with pytest.raises(ValueError, match="symmetries and shifts need images"):
         AsymmetricPPO(
-            "CnnPolicy", env, symmetric_views=True, symmetries=Setting(task="pp-random").symmetries()
+            "CnnPolicy", env, symmetric_views=True, symmetries=knowledge.symmetries(Setting(task="pp-random"))
         )
 
 

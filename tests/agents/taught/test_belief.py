@@ -13,7 +13,7 @@ from usbench.agents.taught.belief import BeliefAgent, RecognisingPolicy
 from usbench.agents.vec_env import SB3VecEnv
 from usbench.records import ConfigurationError
 from usbench.setting import Setting
-from usbench.trials import runner
+from usbench.trials import knowledge, runner
 from usbench.trials.configuration import resolve
 from usbench.trials.evaluation import Evaluator
 from usbench.trials.model_loading import load_agent
@@ -32,7 +32,7 @@ def unwatched(env):
 def made():
     env = unwatched(SB3VecEnv(SETTING.make_vec_env(4, autoreset_mode="SameStep")))
     chosen = zoo.hyperparameters("belief", "pp-tracked", SMALL)
-    return zoo.make("belief", env, 0, chosen, device="cpu", model=SETTING.scene_model())
+    return zoo.make("belief", env, 0, chosen, device="cpu", model=knowledge.scene_model(SETTING))
 
 
 @pytest.fixture(scope="module")

@@ -6,6 +6,7 @@ import torch
 from usbench.agents import zoo
 from usbench.agents.vec_env import SB3VecEnv
 from usbench.setting import Setting
+from usbench.trials import knowledge
 
 SMALL = {"learning_starts": 16, "train_freq": 4, "batch_size": 16, "buffer_size": 1000}
 SETTING = Setting(task="pp-tracked", n_frames=1)
@@ -16,7 +17,7 @@ def made():
     for one in env.env.unwrapped.envs:
         one.is_watched = False
     chosen = zoo.hyperparameters("belief", "pp-tracked", SMALL)
-    return zoo.make("belief", env, 0, chosen, device="cpu", model=SETTING.scene_model())
+    return zoo.make("belief", env, 0, chosen, device="cpu", model=knowledge.scene_model(SETTING))
 
 
 def test_a_frame_that_tells_no_more_than_how_often_looks_come_tells_nothing():

@@ -14,7 +14,7 @@ from usbench.agents import model_state, zoo
 from usbench.agents.vec_env import SB3VecEnv
 from usbench.records import ConfigurationError
 from usbench.setting import Setting
-from usbench.trials import runner
+from usbench.trials import knowledge, runner
 from usbench.trials.configuration import resolve
 from usbench.trials.evaluation import explores
 from usbench.watch.advice import Adviser
@@ -148,7 +148,11 @@ def student(teacher=None):
     for one in env.env.unwrapped.envs:
         one.is_watched = False
     chosen = zoo.hyperparameters("distilled", setting.task, SMALL)
-    made = {"device": "cpu", "symmetries": setting.symmetries(), "teacher": teacher or setting.teacher()}
+    made = {
+        "device": "cpu",
+        "symmetries": knowledge.symmetries(setting),
+        "teacher": teacher or knowledge.teacher(setting),
+    }
     return zoo.make("distilled", env, 0, chosen, **made)
 
 

@@ -15,6 +15,7 @@ from usbench.agents.value_based.double_dqn import DoubleDQN
 from usbench.agents.vec_env import SB3VecEnv
 from usbench.records import Trial
 from usbench.setting import Setting
+from usbench.trials import knowledge
 from usbench.trials.configuration import resolve
 from usbench.trials.runner import run_trial
 
@@ -81,12 +82,12 @@ def test_learns_on_every_kind_of_task_with_its_symmetries(task):
     for one in env.env.unwrapped.envs:
         one.is_watched = False
     chosen = zoo.hyperparameters("double_dqn", task, SMALL)
-    agent = zoo.make("double_dqn", env, 0, chosen, device="cpu", symmetries=setting.symmetries())
+    agent = zoo.make("double_dqn", env, 0, chosen, device="cpu", symmetries=knowledge.symmetries(setting))
     before = torch.cat([tensor.flatten() for tensor in agent.q_net.parameters()]).detach().clone()
     agent.learn(128)
     after = torch.cat([tensor.flatten() for tensor in agent.q_net.parameters()])
     assert torch.isfinite(after).all() and not torch.equal(before, after)
-    assert len(agent.policy.q_net.views.mirrored) == len(setting.symmetries())
+    assert len(agent.policy.q_net.views.mirrored) == len(knowledge.symmetries(setting))
 
 
 @pytest.mark.slow

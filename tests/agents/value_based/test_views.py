@@ -8,6 +8,7 @@ from pp_tracked import SYMMETRIES, observations
 
 from usbench.agents.value_based.views import Views, shifted
 from usbench.setting import Setting
+from usbench.trials import knowledge
 
 
 def test_views_of_batches_are_those_of_the_symmetries():
@@ -37,7 +38,7 @@ def test_canonical_views_have_no_negative_coordinate():
 )
 def test_without_coordinates_all_views_of_an_observation_have_one_canonical_view(task, senses):
     setting = Setting(task=task, senses=senses, n_frames=4)
-    symmetries, generator = setting.symmetries(), torch.Generator().manual_seed(0)
+    symmetries, generator = knowledge.symmetries(setting), torch.Generator().manual_seed(0)
     views, n_actions = Views(symmetries), len(setting.guidance.actions)
     seen = torch.randn(60, 90, 40, 4, generator=generator)
     if senses:
@@ -54,7 +55,7 @@ def test_without_coordinates_all_views_of_an_observation_have_one_canonical_view
 
 
 def test_the_last_move_of_each_kind_is_the_first_of_its_two_actions():
-    views = Views(Setting(task="pp-random", senses=("actions",), n_frames=3).symmetries())
+    views = Views(knowledge.symmetries(Setting(task="pp-random", senses=("actions",), n_frames=3)))
     # Actions 1 and 2 move left and right, 3 and 4 rotate; 0 stays.
     acted = torch.tensor([[1, 4, 2], [3, 4, 0], [4, 3, 2], [0, 0, 0]])
     told = torch.nn.functional.one_hot(acted, 5).float().flatten(1)
@@ -68,7 +69,7 @@ def test_the_last_move_of_each_kind_is_the_first_of_its_two_actions():
 )
 def test_the_focus_alone_tells_no_view_from_another(task, senses):
     setting = Setting(task=task, senses=senses)
-    views = Views(setting.symmetries())
+    views = Views(knowledge.symmetries(setting))
     images = torch.randn(1, 90, 40, 1, generator=torch.Generator().manual_seed(0))
     told = torch.zeros(2, views.sources.shape[1])
     seen = {"image": torch.cat([images, images.flip(2)]), "senses": told}

@@ -9,6 +9,7 @@ from small_double_dqn import SMALL
 
 from usbench.agents import zoo
 from usbench.agents.vec_env import SB3VecEnv
+from usbench.trials import knowledge
 
 
 def made(algo, **more):
@@ -32,7 +33,7 @@ def test_a_transition_is_seen_in_one_view_before_and_after_and_in_its_action(mon
 
 
 def test_costs_move_with_the_actions_of_a_view(monkeypatch):
-    agent = made("distilled", teacher=SETTING.teacher())
+    agent = made("distilled", teacher=knowledge.teacher(SETTING))
     agent.max_shift_px = 0
     monkeypatch.setattr(agent.policy.q_net.views, "drawn", torch.arange)
     seen, costs = observations(8, 1), torch.rand(8, 5, generator=torch.Generator().manual_seed(3))

@@ -11,12 +11,13 @@ from unseen_phantoms.studies import ABLATIONS, SETTING, TASK
 
 from usbench.agents.vec_env import SB3VecEnv
 from usbench.setting import Setting
+from usbench.trials import knowledge
 from usbench.trials.learning import make_agent
 
 # So small that a few steps make updates.
 SMALL = {"learning_starts": 16, "train_freq": 4, "batch_size": 16, "buffer_size": 200}
 SMALL_ROLLOUTS = {"n_steps": 32, "batch_size": 16, "n_epochs": 2}
-SYMMETRIES = Setting(task=TASK, **SETTING).symmetries()
+SYMMETRIES = knowledge.symmetries(Setting(task=TASK, **SETTING))
 STAY, LEFT, RIGHT, COUNTER_CLOCKWISE, CLOCKWISE = range(5)
 
 

@@ -8,14 +8,15 @@ import pytest
 from symmetric import viewed
 from volumes import block
 
-from usbench import anatomy_record
 from usbench.envs.observation.senses import available, checked
 from usbench.envs.observation.symmetries import _ALL, symmetries
 from usbench.envs.observation.wrappers import ImageStack
 from usbench.envs.phantom import ObjectOfInterest, Phantom
 from usbench.envs.pose import Pose
 from usbench.setting import Setting
+from usbench.setting_parts import anatomy_record
 from usbench.suite import TASKS
+from usbench.trials import knowledge
 
 SENSES = ("position", "heading", "actions")
 GENERATOR = np.random.default_rng(0)
@@ -82,7 +83,7 @@ def test_symmetries_for_which_an_action_or_a_slip_is_missing_are_left_out():
 def test_custom_anatomy_has_no_symmetry(tmp_path):
     block(tmp_path / "block.mha")
     anatomy = anatomy_record.read(tmp_path / "block.mha", {"target_x_mm": 10, "target_angle_deg": 30})
-    known = Setting(task="pp", anatomy=anatomy).symmetries()
+    known = knowledge.symmetries(Setting(task="pp", anatomy=anatomy))
     assert len(known) == 1
     assert known.actions.tolist() == [[0, 1, 2, 3, 4]] and known.mirrored.tolist() == [False]
 
@@ -101,7 +102,7 @@ def play(target, start, actions, seed):
 @pytest.mark.parametrize("task", [name for name, row in TASKS.items() if not row.phantoms])
 def test_a_task_whose_phantom_stays_the_same_has_no_symmetry(task):
     """An agent may know its phantom by the speckle, which tells poses apart that would be alike otherwise."""
-    known = Setting(task=task).symmetries()
+    known = knowledge.symmetries(Setting(task=task))
     assert known.mirrored.tolist() == [False]
     assert known.actions.tolist() == [list(range(len(TASKS[task].guidance.actions)))]
 
@@ -109,7 +110,7 @@ def test_a_task_whose_phantom_stays_the_same_has_no_symmetry(task):
 @pytest.mark.parametrize("number", range(8))
 def test_symmetric_scenes_tell_and_earn_the_same_but_for_speckle(number):
     """Frames of another phantom are as much alike as the symmetry is exact; senses and rewards are equal."""
-    known, change = Setting(task="pp-random", senses=SENSES).symmetries(), _ALL[number]
+    known, change = knowledge.symmetries(Setting(task="pp-random", senses=SENSES)), _ALL[number]
     target, start, actions = Pose(5, 50, 30), Pose(10, 50, 75), [1, 3, 4, 4, 2, 0]
     of_object = Pose(change.x * target.x_mm, 50, change.angle * target.angle_deg)
     images, rewards = play(target, start, actions, seed=1)

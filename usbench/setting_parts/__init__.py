@@ -1,0 +1,1 @@
+"""What a setting is put together from: probe, imaging and anatomy from files and records; its frames."""
