@@ -1,5 +1,6 @@
 """Type and range of every hyperparameter, in one place: what `VPG(...)`, the table and `--set` accept."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from numbers import Integral
 from typing import TypeAlias
@@ -133,3 +134,17 @@ def check(name: str, value: object) -> Value:
 def parse(name: str, text: str) -> Value:
     """The hyperparameter `name` written as `text`, as on a command line; raises as `check` does."""
     return check(name, RANGES[name].parse(text))
+
+
+def as_set(values: Mapping[str, Value | None]) -> list[str]:
+    """Return hyperparameters as `--set` takes them, "gamma=0.9" for example, as `parse` reads them back."""
+    return [f"{name}={_as_text(value)}" for name, value in values.items()]
+
+
+def _as_text(value: Value | None) -> str:
+    """Return a value as short as it stays the same number."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, float) and float(short := f"{value:g}") == value:
+        return short
+    return str(value)

@@ -179,8 +179,13 @@ def test_readers_of_records_import_no_torch():
     "path", sorted((ROOT / "usbench" / "results").rglob("*.py")), ids=lambda path: path.stem
 )
 def test_results_import_only_records_and_the_tables_of_tasks_ceilings_and_algorithms(path):
-    # The table of algorithms loads no torch.
-    tables = ("usbench.tasks", "usbench.ceilings", "usbench.agents.zoo")
+    # The tables of algorithms and hyperparameters load no torch.
+    tables = (
+        "usbench.tasks",
+        "usbench.ceilings",
+        "usbench.agents.zoo",
+        "usbench.agents.hyperparameters",
+    )
     assert not foreign(path, "usbench.results", "usbench.records", *tables, *GROUND)
 
 
@@ -189,7 +194,7 @@ def test_results_import_only_records_and_the_tables_of_tasks_ceilings_and_algori
 )
 def test_comparisons_import_no_page_and_no_command(path):
     # Of agents only the tables, which load no torch.
-    agents = ("agents.zoo", "agents.search_space")
+    agents = ("agents.zoo", "agents.hyperparameters", "agents.search_space")
     allowed = (
         "compare",
         "trials",

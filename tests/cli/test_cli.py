@@ -347,14 +347,6 @@ def test_runs_beside_what_is_in_its_place_are_refused(capsys, command):
     assert "RUNS is in place of --runs" in refusal(capsys, command, "mine", "--runs", "yours")
 
 
-def test_hyperparameters_are_listed_as_they_are_set():
-    assert list_command._settings({"buffer_size": 1_000_000, "tau": 0.12345678, "own": True}).split() == [
-        "buffer_size=1000000",
-        "tau=0.12345678",
-        "own=true",
-    ]
-
-
 def test_module_is_the_command():
     done = subprocess.run([sys.executable, "-m", "usbench", "--version"], capture_output=True, text=True)
     assert done.returncode == 0 and done.stdout.startswith("usbench 0.")

@@ -149,22 +149,6 @@ def test_the_command_of_a_card_says_what_the_agent_is_told(senses, tmp_path, mon
     assert configs == [config]
 
 
-@pytest.mark.parametrize(
-    ("value", "said"),
-    [
-        (True, "true"),
-        (False, "false"),
-        (10_000_000, "10000000"),
-        (1.0, "1"),
-        (5e-05, "5e-05"),
-        (-130.0, "-130"),
-        (-6.666667, "-6.666667"),
-    ],
-)
-def test_a_hyperparameter_stands_on_a_card_as_the_command_takes_it(value, said):
-    assert model_card.as_set(value) == said
-
-
 def test_a_trial_without_others_is_called_the_one_of_which_the_package_was_made(runs, tmp_path):
     trial = could_be_released(runs)[0]
     folder = release.write([trial.folder], tmp_path / "made")[0]

@@ -68,18 +68,21 @@ def test_trial_advises_on_its_own_task_and_noise(finished, tmp_path):
 
 
 def test_trial_of_the_runs_advises_by_itself(finished):
-    assert Session(finished.parent, seed=0).agent == finished.name
+    assert Session(finished.parent, seed=0).advisers.name == finished.name
 
 
 def test_model_of_another_task_is_refused_in_words(finished):
     session = Session(finished.parent, seed=0)
     session.choose(task="fp")
-    assert session.agent == ORACLE and f"{finished.name} was trained on another task" in session.message
+    assert (
+        session.advisers.name == ORACLE
+        and f"{finished.name} was trained on another task" in session.advisers.message
+    )
     session.choose(agent=finished.name)
-    assert "does not fit" in session.message and "'Probe plane' (pp)" in session.message
+    assert "does not fit" in session.advisers.message and "'Probe plane' (pp)" in session.advisers.message
     assert session.state()["advice"] is None
     session.choose(task="pp", agent=finished.name)
-    assert session.message == "" and session.state()["advice"]
+    assert session.advisers.message == "" and session.state()["advice"]
 
 
 def test_a_trained_agent_of_another_task_takes_over_without_an_alarm(finished, trial_on, tmp_path):
@@ -88,11 +91,11 @@ def test_a_trained_agent_of_another_task_takes_over_without_an_alarm(finished, t
         shutil.copytree(trial, runs / trial.name)
     session = Session(runs, seed=0)
     session.choose(task="fp")
-    assert session.agent == other.name and session.message == ""
+    assert session.advisers.name == other.name and session.advisers.message == ""
     told = f"{other.name} advises here: {finished.name} was trained on another task."
-    assert session.notice == told
+    assert session.advisers.notice == told
     session.choose(noise=0.25)
-    assert session.notice == ""
+    assert session.advisers.notice == ""
 
 
 def test_the_chosen_agent_stays_where_the_other_task_is_its_own(finished, trial_on, tmp_path):
@@ -104,16 +107,16 @@ def test_the_chosen_agent_stays_where_the_other_task_is_its_own(finished, trial_
     for name in (other.name, again.name):
         session = Session(runs, task="pp", seed=0)
         session.choose(agent=name)
-        assert session.message
+        assert session.advisers.message
         session.choose(task="fp")
-        assert (session.agent, session.message, session.notice) == (name, "", "")
+        assert (session.advisers.name, session.advisers.message, session.advisers.notice) == (name, "", "")
 
 
 def test_model_that_cannot_be_opened_is_told(finished):
     session = Session(finished.parent, seed=0)
     (finished / records.MODEL).write_bytes(b"no zip")
     session.choose(agent=finished.name)
-    assert "not a readable zip file" in session.message and session.state()["advice"] is None
+    assert "not a readable zip file" in session.advisers.message and session.state()["advice"] is None
     with pytest.raises(ConfigurationError, match="not a readable zip file"):
         Session(finished.parent, finished)
 
@@ -309,19 +312,25 @@ def leaving(finished, monkeypatch, then=""):
 def test_trained_agent_takes_over_from_the_optimum(session, finished, monkeypatch):
     name = leaving(finished, monkeypatch)
     assert wait_for_training(session)["status"] == "finished"
-    assert session.agent == name and session.notice.startswith("Trained: ") and not session.message
+    assert (
+        session.advisers.name == name
+        and session.advisers.notice.startswith("Trained: ")
+        and not session.advisers.message
+    )
     assert not session.state()["training"]["offered"]
 
 
 def test_beside_an_agent_of_the_package_one_of_your_own_can_be_trained(tmp_path, finished, monkeypatch):
     monkeypatch.setattr(released, "FOLDER", Path(released.__file__).with_name("trained"))
     session = Session(tmp_path / "mine", seed=0)
-    assert session.agent == "best:pp" and session.state()["training"]["offered"]
+    assert session.advisers.name == "best:pp" and session.state()["training"]["offered"]
     name = leaving(finished, monkeypatch)
     assert wait_for_training(session)["status"] == "finished" and not session.state()["training"]["offered"]
-    assert session.agent == "best:pp" and session.notice.endswith(" can be chosen as the agent.")
+    assert session.advisers.name == "best:pp" and session.advisers.notice.endswith(
+        " can be chosen as the agent."
+    )
     session.choose(agent=name)
-    assert session.agent == name
+    assert session.advisers.name == name
     session.close()
 
 
@@ -330,19 +339,19 @@ def test_asking_for_the_state_switches_nothing(session, finished, monkeypatch):
     session.train()
     session.training._process.wait(timeout=60)
     assert session.state() == session.state()
-    assert session.agent == ORACLE and session.state()["training"]["status"] == "running"
+    assert session.advisers.name == ORACLE and session.state()["training"]["status"] == "running"
     session.update()
-    assert session.agent == name and session.state() == session.state()
+    assert session.advisers.name == name and session.state() == session.state()
     session.choose(agent=ORACLE)
     session.update()
-    assert session.agent == ORACLE
+    assert session.advisers.name == ORACLE
 
 
 def test_training_that_leaves_no_model_changes_nothing(session, finished, monkeypatch):
     (finished / records.MODEL).unlink()
     leaving(finished, monkeypatch)
     assert wait_for_training(session)["status"] == "finished"
-    assert session.agent == ORACLE and session.message == ""
+    assert session.advisers.name == ORACLE and session.advisers.message == ""
 
 
 def test_training_that_fails_says_why(session, monkeypatch):
@@ -350,7 +359,7 @@ def test_training_that_fails_says_why(session, monkeypatch):
     monkeypatch.setattr(guide_training, "USBENCH", [sys.executable, "-c", fail])
     training = wait_for_training(session)
     assert (training["status"], training["reason"]) == ("failed", "no space is left.")
-    assert session.agent == ORACLE
+    assert session.advisers.name == ORACLE
 
 
 def test_closing_ends_the_training(session, monkeypatch):

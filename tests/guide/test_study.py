@@ -69,7 +69,7 @@ def test_rows_are_those_of_evaluations_and_tell_advice_obedience_and_seconds(fin
     )
     setting = session.setting
     evaluator = Evaluator(setting, setting.evaluation_episodes())
-    loaded = evaluator.play(session._opened.adviser._agent, checkpoint=0, step=0, deterministic=True)
+    loaded = evaluator.play(session.advisers.opened.adviser._agent, checkpoint=0, step=0, deterministic=True)
     for row in rows:
         n = len(row["actions"])
         if row["player"] in ("human", "human + advice"):
@@ -107,9 +107,9 @@ def test_a_study_keeps_its_agent_where_a_better_one_has_appeared(finished, tmp_p
     play_once(session)
     session.close()
     shutil.copytree(finished, tmp_path / finished.name)
-    assert Session(tmp_path).agent == finished.name
+    assert Session(tmp_path).advisers.name == finished.name
     again = Session(tmp_path, study="anna")
-    assert again.agent == session.agent == agents.ORACLE and again.study.n_done == 1
+    assert again.advisers.name == session.advisers.name == agents.ORACLE and again.study.n_done == 1
 
 
 def test_a_study_is_played_in_one_guide_at_a_time(tmp_path):

@@ -47,7 +47,12 @@ def _true_frames(monkeypatch, folder):
     """Quick trials, but with slices of the volume, kept in `folder`."""
     sweep_worker.speed_up(monkeypatch)
     monkeypatch.setenv("USBENCH_CACHE", str(folder / "cache"))
-    for module in ("envs.guidance", "setting", "trials.tensorboard", "guide.examination"):
+    for module in (
+        "envs.guidance",
+        "setting_parts.evaluation_frames",
+        "trials.tensorboard",
+        "guide.examination",
+    ):
         monkeypatch.setattr(f"usbench.{module}.frame_store", frames.frame_store)
     fresh_stores(monkeypatch)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -111,6 +110,7 @@ def _task(name: str) -> Table:
 
 def _algorithm(name: str) -> Table:
     from usbench.agents import zoo
+    from usbench.agents.hyperparameters import as_set
     from usbench.checks import as_configuration_error
 
     with as_configuration_error():
@@ -123,11 +123,11 @@ def _algorithm(name: str) -> Table:
     if not entry.learns:
         table.add_row("--set", "nothing: it does not learn")
     elif entry.hyperparameters:
-        table.add_row("--set, defaults", _settings({**entry.hyperparameters, **entry.options}))
+        table.add_row("--set, defaults", "\n".join(as_set({**entry.hyperparameters, **entry.options})))
     for task, values in entry.tasks.items():
-        table.add_row(f"--task {task}", _settings(values))
+        table.add_row(f"--task {task}", "\n".join(as_set(values)))
     for preset, values in entry.presets.items():
-        table.add_row(f"--preset {preset}", _settings(values))
+        table.add_row(f"--preset {preset}", "\n".join(as_set(values)))
     return table
 
 
@@ -140,11 +140,3 @@ def _table(title: str, *headings: str) -> Table:
     for heading in headings:
         table.add_column(heading, no_wrap=heading != headings[-1] or not any(headings))
     return table
-
-
-def _settings(values: Mapping[str, float]) -> str:
-    """Return hyperparameters as `--set` takes them, a line each."""
-    texts = {
-        name: str(value).lower() if isinstance(value, bool) else str(value) for name, value in values.items()
-    }
-    return "\n".join(f"{name}={text}" for name, text in texts.items())

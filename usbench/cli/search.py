@@ -70,9 +70,9 @@ def _call(args: argparse.Namespace) -> None:
 
 def _tell(winner: search.Winner, rules: protocol.Protocol) -> None:
     """Print who has won, and what is to be done with it."""
-    from usbench.compare.model_card import as_set
+    from usbench.agents.hyperparameters import as_set
 
-    values = " ".join(f"{name}={as_set(value)}" for name, value in winner.hyperparameters.items())
+    values = " ".join(as_set(winner.hyperparameters))
     print(f"{winner.row}: candidate {winner.candidate}, score {winner.score:.3f}: {values}")
     if not rules.is_of_the_package:
         command = f"usbench run --algo {winner.row} --task {rules.search.tasks[0]} --set {values}"

@@ -13,6 +13,7 @@ import pandas as pd
 from scipy import stats
 
 from usbench import records, seed_pools
+from usbench.agents.hyperparameters import as_set
 from usbench.agents.zoo import entry
 from usbench.ceilings import taught
 from usbench.records import Trial, TrialConfig
@@ -177,7 +178,7 @@ def _training(trial: Trial) -> str:
     rows = trial.evaluations()
     curve = rows[rows["deterministic"]].groupby("checkpoint")["normalized_score"].mean()
     minutes = trial.timings.get("training_s", 0.0) / 60
-    settings = ", ".join(f"{name}={as_set(value)}" for name, value in config.hyperparameters.items())
+    settings = ", ".join(as_set(config.hyperparameters))
     versions = ", ".join(f"{name} {version}" for name, version in sorted(trial.versions.items()))
     return (
         f"{config.steps} steps without noise, {minutes:.1f} minutes on one core:\n\n"
@@ -217,16 +218,8 @@ def options(config: TrialConfig) -> list[str]:
         if plain.hyperparameters.get(name) != value
     }
     if changed:
-        found.append("--set " + " ".join(f"{name}={as_set(value)}" for name, value in changed.items()))
+        found.append("--set " + " ".join(as_set(changed)))
     return found
-
-
-def as_set(value: bool | float) -> str:
-    """Return the value of a hyperparameter as `--set` takes it, as short as it stays the same number."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    short = f"{value:g}"
-    return short if isinstance(value, float) and float(short) == value else str(value)
 
 
 def _limits(trial: Trial, setting: Setting, greedy: pd.DataFrame) -> str:

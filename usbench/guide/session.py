@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from usbench import suite
-from usbench.checks import as_configuration_error, check_seed, unknown
-from usbench.guide import agents as guide_agents
+from usbench.checks import as_configuration_error, check_seed
 from usbench.guide import view
-from usbench.guide.agents import ORACLE, Known
-from usbench.guide.examination import Examination, Opened
+from usbench.guide.advisers import Advisers
+from usbench.guide.agents import ORACLE, known
+from usbench.guide.examination import Examination
 from usbench.guide.guided import GUIDED, check_task
 from usbench.guide.study import Study
 from usbench.guide.study_record import agent_of
@@ -29,9 +29,7 @@ class Session:
     Attributes:
         setting: Task, noise, anatomy, probe and imaging of the examinations.
         examination: The episode that is going on.
-        agent: Name of the trial whose agent advises, or "oracle".
-        message: A sentence on what went wrong; empty if nothing did.
-        notice: A sentence of good news; empty if there is none.
+        advisers: The agents that can be chosen, and the one that advises.
         tasks: Tasks that can be chosen.
         hidden: Whether the object, and all that tells where it is, is hidden until the episode ends.
         training: Trains an agent on request.
@@ -63,25 +61,24 @@ class Session:
         Raises:
             ConfigurationError: If a value is not allowed, or the trial's model cannot be used.
         """
-        self._runs, self._tell = runs, tell
-        self._given = None if trial is None else guide_agents.known(trial)
-        given = Setting(task="pp") if self._given is None else self._given.setting.scored
+        self._tell = tell
+        own = None if trial is None else known(trial)
+        given = Setting(task="pp") if own is None else own.setting.scored
         self.setting = _changed(given, GUIDED, setting)
         # Another task may not be possible in a custom anatomy.
         self.tasks = GUIDED if self.setting.anatomy is None else (self.setting.task,)
         self._seeds = np.random.default_rng(None if seed is None else _seed(seed))
         self.training, self.n_begun = QuickTraining(runs), 0
-        self.agent, self.message, self.notice, self.hidden = ORACLE, "", "", False
-        self._trials: dict[str, Known] = {}
-        self._find()
-        if self._given is None:
-            self._choose_best(None if study is None else agent_of(runs, study))
+        self.hidden = False
+        self.advisers = Advisers(runs, own, tell)
+        self.advisers.find(self.setting, self.tasks)
+        if own is None:
+            self.advisers.choose_best(self.setting, None if study is None else agent_of(runs, study))
         else:
-            self._opened: Opened | None = guide_agents.open_trial(self._given, self.setting)
-            self.agent = self._given.name
-        if study is not None and self._opened is None:
-            raise ConfigurationError(self.message)
-        self.study = None if study is None else Study(runs, study, self.setting, self.agent)
+            self.advisers.choose_given(own, self.setting)
+        if study is not None and self.advisers.opened is None:
+            raise ConfigurationError(self.advisers.message)
+        self.study = None if study is None else Study(runs, study, self.setting, self.advisers.name)
         self._begin()
 
     def begin(self) -> None:
@@ -102,7 +99,7 @@ class Session:
             seed, options = int(self._seeds.integers(2**31)), None
         else:
             seed, options = self.study.now.episode.seed, self.study.now.episode.options
-        self.examination = Examination(self.setting, seed, self._opened, self._tell, options)
+        self.examination = Examination(self.setting, seed, self.advisers.opened, self._tell, options)
         self.n_begun += 1
         if self.study is not None:
             self._way, self.hidden = self.study.words, True
@@ -114,7 +111,7 @@ class Session:
         """What a page shows that is up to date: task, agent, number of the examination and of its step."""
         return {
             "task": self.setting.task,
-            "agent": self.agent,
+            "agent": self.advisers.name,
             "examination": self.n_begun,
             "step": len(self.examination.actions),
         }
@@ -125,9 +122,9 @@ class Session:
         self.examination.act(action)
         if self.study is not None and self.study.now is not None:
             self.study.saw(advice.best if advice else None, self.examination.actions[-1])
-            if self.examination.over and self._opened is not None:
+            if self.examination.over and self.advisers.opened is not None:
                 self._tell("recording the episode")
-                self.study.finish(self.examination, self._opened)
+                self.study.finish(self.examination, self.advisers.opened)
 
     def follow(self) -> None:
         """Take the action that the agent advises; ValueError if nothing is advised, or a study is played."""
@@ -153,19 +150,19 @@ class Session:
         now = self.training.progress
         if before != "running" or now.status != "finished" or now.folder is None:
             return
-        self._find()
-        if now.folder.name not in self._trials:
+        agents, name = self.advisers, now.folder.name
+        agents.find(self.setting, self.tasks)
+        if not agents.knows(name):
             return
         if now.task != self.setting.task:
-            self.notice = (
+            agents.notice = (
                 f"Trained: there is an agent of the task {suite.TASKS[now.task].guidance.title} now."
             )
-            return
-        if self.agent == ORACLE:
-            self.choose(agent=now.folder.name)
-            self.notice = f"Trained: {self._label()} advises from now on."
+        elif agents.name == ORACLE:
+            self.choose(agent=name)
+            agents.notice = f"Trained: {agents.label()} advises from now on."
         else:
-            self.notice = f"Trained: {self._labels()[now.folder.name]} can be chosen as the agent."
+            agents.notice = f"Trained: {agents.label(name)} can be chosen as the agent."
 
     def choose(
         self, *, task: Any = None, noise: Any = None, agent: Any = None, hidden: bool | None = None
@@ -177,24 +174,22 @@ class Session:
         """
         self._no_study("another choice")
         before, chosen = self.setting, _changed(self.setting, self.tasks, {"task": task, "noise": noise})
-        names = [ORACLE, *self._trials]
-        if agent is not None and agent not in names:
-            raise ConfigurationError(str(unknown("agent", agent, names)))
+        agents = self.advisers
+        if agent is not None:
+            agents.check(agent)
         if hidden not in (None, True, False):
             raise ConfigurationError(f"hidden must be true or false, not {hidden!r}.")
         self.hidden = self.hidden if hidden is None else bool(hidden)
         if chosen == before and agent is None:
             return
-        self.message, self.notice, self.setting = "", "", chosen
+        agents.message, agents.notice, self.setting = "", "", chosen
         self._tell(f"changing to {chosen.task}, noise {chosen.noise:g}")
-        fits = self.agent in self._trials and self._trials[self.agent].task == chosen.task
-        if agent is None and chosen.task != before.task and not fits:
-            self._choose_best()
+        if agent is None and chosen.task != before.task and not agents.fits(chosen.task):
+            agents.choose_best(chosen)
         else:
-            self.agent = self.agent if agent is None else agent
-            self._open()
+            agents.choose(agents.name if agent is None else agent, chosen)
         if chosen == before:
-            self.examination.ask(self._opened)
+            self.examination.ask(agents.opened)
         else:
             self._begin()
 
@@ -218,12 +213,13 @@ class Session:
         return {
             "place": self.place,
             **self._choices(),
+            **self.advisers.shown(),
             **view.seen(self.examination, hidden=self.hidden, for_good=self.study is not None),
             "advice": view.advice(self.examination) if self.study is None or self._shows_advice else None,
             "study": self._study_words(),
             "ended": self.study is not None and self.study.now is None,
             "training": training | {"offered": self._offers_training()},
-            "untrained": self._untrained(),
+            "untrained": self.advisers.missing(self.setting),
         }
 
     def _study_words(self) -> str:
@@ -234,102 +230,19 @@ class Session:
 
     def _choices(self) -> dict[str, Any]:
         tasks = {name: suite.TASKS[name].guidance.title for name in self.tasks}
-        labels = self._labels()
-        agents = [
-            {"name": name, "label": labels[name], "task": trial.task} for name, trial in self._trials.items()
-        ]
         return {
             "tasks": tasks,
             "task": self.setting.task,
             "goal": self.examination.goal,
             "noises": sorted({*NOISES, self.setting.noise}),
             "noise": self.setting.noise,
-            "agents": [
-                *agents,
-                {"name": ORACLE, "label": "the exact optimum (knows the pose)", "task": None},
-            ],
-            "agent": self.agent,
-            "label": self._label(),
-            "exact": self.agent == ORACLE,
-            "message": self.message,
-            "notice": self.notice,
             "hidden": self.hidden,
         }
 
-    def _label(self) -> str:
-        return "the exact optimum" if self.agent == ORACLE else self._labels()[self.agent]
-
-    def _labels(self) -> dict[str, str]:
-        return guide_agents.labels(self._trials.values())
-
-    def _untrained(self) -> str:
-        """Return in a sentence why no agent of the task can be chosen; empty if one can."""
-        task = self.setting.task
-        if any(trial.task == task for trial in self._trials.values()):
-            return ""
-        others = sorted(
-            {
-                one
-                for trial in self._others
-                if trial.task == task
-                for one in trial.setting.differences(self.setting)
-            }
-        )
-        if others:
-            return (
-                f"Every agent of this task was trained with another {' or '.join(others)}; "
-                "the exact optimum advises."
-            )
-        return "No agent is trained for this task yet; the exact optimum advises."
-
     def _offers_training(self) -> bool:
         """Return whether an agent can be trained here, and none of the task is in the folder of trials."""
-        own = [one for one in self._trials.values() if not one.is_released and one.task == self.setting.task]
+        own = self.advisers.are_for(self.setting.task, trained_here=True)
         return self.study is None and not own and can_train(self.setting)
-
-    def _find(self) -> None:
-        """Look for trials: those whose agents can be chosen here, and those that met other images."""
-        self._tell(f"looking for agents in {self._runs}")
-        known = guide_agents.find(self._runs)
-        self._others = [one for one in known if one.setting.differences(self.setting)]
-        fitting = [one for one in known if one.task in self.tasks and one not in self._others]
-        # The agent that advises stays, also if its folder is gone or cannot be read at this moment.
-        kept = [one for one in (self._given, self._trials.get(self.agent)) if one is not None]
-        self._trials = {trial.name: trial for trial in (*fitting, *kept)}
-
-    def _choose_best(self, recorded: str | None = None) -> None:
-        """Let the best agent of the task advise, or that which a study has recorded, or else the optimum."""
-        before = self._trials.get(self.agent)
-        chosen = self._trials.get(recorded or "")
-        # A study of another task says so itself.
-        if chosen is not None and chosen.task != self.setting.task:
-            chosen = None
-        best = chosen or guide_agents.best(self._trials.values(), self.setting)
-        if recorded == ORACLE:
-            best = None
-        self.agent = ORACLE if best is None else best.name
-        self._open()
-        if before is None or before.task == self.setting.task or self.message:
-            return
-        if best is None:
-            self.message = (
-                f"{before.name} was trained on another task and does not fit this one: "
-                f"{self._label()} advises here."
-            )
-        else:
-            self.notice = f"{best.name} advises here: {before.name} was trained on another task."
-
-    def _open(self) -> None:
-        """Open the agent that is chosen, or say why that cannot be."""
-        self._tell(f"opening {self._label()}")
-        self._opened = None
-        try:
-            if self.agent == ORACLE:
-                self._opened = guide_agents.open_oracle(self.setting)
-            else:
-                self._opened = guide_agents.open_trial(self._trials[self.agent], self.setting)
-        except ConfigurationError as error:
-            self.message = str(error)
 
 
 def _changed(setting: Setting, tasks: Collection[str], values: Mapping[str, Any]) -> Setting:

@@ -9,6 +9,7 @@ from typing import Any
 
 import pandas as pd
 
+from usbench.agents.hyperparameters import as_set
 from usbench.ceilings import bound, ceiling
 from usbench.records import TrialConfig
 from usbench.results import tables, text
@@ -86,7 +87,7 @@ def _command(trial: pd.Series, seeds: Iterable[int]) -> str:
     if told != row_of(task).senses:
         options += f" --senses {' '.join(told)}".rstrip()
     if changed := changed_hyperparameters(trial):
-        options += f" --set {' '.join(f'{name}={value}' for name, value in changed.items())}"
+        options += f" --set {' '.join(as_set(changed))}"
     command = f"usbench run --algo {trial['algo']} --task {task} --steps {trial['steps']}{options} --seed"
     first, *others = map(str, sorted(seeds))
     return (
