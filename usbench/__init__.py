@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from usbench.envs.probe import LinearArray
     from usbench.envs.rf import simulate_rf
     from usbench.envs.scanner import scan
-    from usbench.records.trial import load_trial, load_trials
+    from usbench.records.loading import load_trial, load_trials
     from usbench.setting import make_env, make_vec_env
     from usbench.setting_parts.toml_files import read_probe
     from usbench.trials.model_loading import load_agent
@@ -49,8 +49,8 @@ _MODULES = {
     "PointScatterers": "usbench.envs.anatomy.points",
     "Pose": "usbench.envs.pose",
     "load_agent": "usbench.trials.model_loading",
-    "load_trial": "usbench.records.trial",
-    "load_trials": "usbench.records.trial",
+    "load_trial": "usbench.records.loading",
+    "load_trials": "usbench.records.loading",
     "make_env": "usbench.setting",
     "make_vec_env": "usbench.setting",
     "read_points": "usbench.envs.anatomy.points",

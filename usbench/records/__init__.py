@@ -30,14 +30,13 @@ from usbench.records.folder import (
     unwritable,
     without_record,
 )
+from usbench.records.loading import load, load_trials
 from usbench.records.trial import (
     DIVERGED,
     EXPLORATION,
     Frames,
     Trial,
     TrialError,
-    load,
-    load_trials,
     means,
 )
 
