@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import gymnasium as gym
@@ -75,16 +76,19 @@ class NormalizeImage(gym.ObservationWrapper[Observation, int, Observation], gym.
         gym.utils.RecordConstructorArgs.__init__(self, mean=mean, std=std)
         gym.ObservationWrapper.__init__(self, env)
         self.mean, self.std = grey_levels(mean, std)
+        self._normalized = partial(normalized, mean=self.mean, std=self.std)
         self.observation_space = normalized_space("NormalizeImage", env.observation_space, self._normalized)
 
     def observation(self, observation: Observation) -> Observation:
         """Return the observation, its image as normalized float32."""
         return with_image(observation, self._normalized)
 
-    def _normalized(self, pixels: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
-        image: npt.NDArray[np.float32] = np.subtract(pixels, self.mean, dtype=np.float32)
-        image /= self.std
-        return image
+
+def normalized(pixels: npt.NDArray[Any], mean: np.float32, std: np.float32) -> npt.NDArray[np.float32]:
+    """Return grey levels, of any shape, in units of `std` above `mean`."""
+    image: npt.NDArray[np.float32] = np.subtract(pixels, mean, dtype=np.float32)
+    image /= std
+    return image
 
 
 def grey_levels(mean: float, std: float) -> tuple[np.float32, np.float32]:

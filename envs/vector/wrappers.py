@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
@@ -11,7 +12,14 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
 from usbench.envs.observation.senses import Observation, batch, parts, whole, with_image
-from usbench.envs.observation.wrappers import MEAN, STD, grey_levels, normalized_space, stacked_space
+from usbench.envs.observation.wrappers import (
+    MEAN,
+    STD,
+    grey_levels,
+    normalized,
+    normalized_space,
+    stacked_space,
+)
 
 Flags = npt.NDArray[np.bool_]
 Step = tuple[Observation, npt.NDArray[Any], Flags, Flags, dict[str, Any]]
@@ -115,6 +123,7 @@ class VectorNormalizeImage(VectorWrapper):
         """Check the arguments and set the observation spaces."""
         super().__init__(env)
         self.mean, self.std = grey_levels(mean, std)
+        self._normalized = partial(normalized, mean=self.mean, std=self.std)
         self.single_observation_space = normalized_space(
             "VectorNormalizeImage", env.single_observation_space, self._normalized
         )
@@ -133,8 +142,3 @@ class VectorNormalizeImage(VectorWrapper):
         for i in np.flatnonzero(infos.get("_final_obs", ())):
             infos["final_obs"][i] = with_image(infos["final_obs"][i], self._normalized)
         return with_image(observations, self._normalized), rewards, terminations, truncations, infos
-
-    def _normalized(self, images: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
-        normalized: npt.NDArray[np.float32] = np.subtract(images, self.mean, dtype=np.float32)
-        normalized /= self.std
-        return normalized

@@ -4,6 +4,7 @@ What an agent did in its evaluations is recorded action by action. Played again 
 list, these actions must give the recorded returns: nobody has to trust a number that somebody has sent.
 """
 
+import contextlib
 import itertools
 import math
 import shutil
@@ -201,27 +202,27 @@ def _of_evaluations(trial: Trial, evaluations: pd.DataFrame) -> list[str]:
 
 def _of_returns(setting: Setting, evaluations: pd.DataFrame) -> list[str]:
     """Play every recorded evaluation episode again; return what comes out otherwise."""
-    env: Any = setting.scored.make_env()
-    env.unwrapped.is_watched = setting.guidance.reward_from_frames
     planned, tolerance, wrong = setting.evaluation_episodes(), _tolerance(setting), []
     seen: dict[tuple[int, tuple[int, ...]], dict[str, Any]] = {}
-    for row in evaluations.to_dict("records"):
-        try:
-            key = (int(row["eval_episode"]), tuple(int(action) for action in row["actions"]))
-            if key not in seen:
-                seen[key] = _played(env, planned[key[0]], key[1])
-            facts = seen[key]
-            other = [name for name, fact in facts.items() if not _same(fact, row[name], tolerance)]
-        except (AssertionError, IndexError, KeyError, OverflowError, TypeError, ValueError) as error:
-            wrong.append(f"episode {row.get('eval_episode')} cannot be played again ({error})")
-            continue
-        if other:
-            wrong.append(
-                f"evaluation episode {row['eval_episode']} at step {row['checkpoint']} has the "
-                f"{other[0].replace('_', ' ')} {_number(row[other[0]])}, its actions give "
-                f"{_number(facts[other[0]])}"
-            )
-    env.close()
+    made: Any = setting.scored.make_env()
+    with contextlib.closing(made) as env:
+        env.unwrapped.is_watched = setting.guidance.reward_from_frames
+        for row in evaluations.to_dict("records"):
+            try:
+                key = (int(row["eval_episode"]), tuple(int(action) for action in row["actions"]))
+                if key not in seen:
+                    seen[key] = _played(env, planned[key[0]], key[1])
+                facts = seen[key]
+                other = [name for name, fact in facts.items() if not _same(fact, row[name], tolerance)]
+            except (AssertionError, IndexError, KeyError, OverflowError, TypeError, ValueError) as error:
+                wrong.append(f"episode {row.get('eval_episode')} cannot be played again ({error})")
+                continue
+            if other:
+                wrong.append(
+                    f"evaluation episode {row['eval_episode']} at step {row['checkpoint']} has the "
+                    f"{other[0].replace('_', ' ')} {_number(row[other[0]])}, its actions give "
+                    f"{_number(facts[other[0]])}"
+                )
     if not wrong:
         return []
     return [f"{len(wrong)} of {len(evaluations)} evaluation episodes come out otherwise, as {wrong[0]}."]
