@@ -92,7 +92,14 @@ def test_commands_leave_the_leaderboard_alone_and_say_where_theirs_is(board, cap
     assert set(tables.read(Path("runs/leaderboard_files")).trials["algo"]) == {"random", "stay", "oracle"}
 
 
-def test_commands_write_the_leaderboard_that_is_named(board, capsys):
+def test_commands_write_the_leaderboard_that_is_named_and_say_what_it_loses(board, capsys):
     assert cli.main([*COMPARE, "--leaderboard", "leaderboard.md"]) == 0
-    assert "holds trials" not in capsys.readouterr().err
+    assert capsys.readouterr().err == (
+        "leaderboard.md holds trials or studies that are not in runs: this leaderboard takes their place\n"
+    )
     assert board not in set(tables.read(TRIALS.parent).trials["trial"])
+
+
+def test_a_leaderboard_of_what_is_finished_needs_a_folder_of_trials(board, capsys):
+    assert cli.main([*COMPARE, "--report-only", "--out", "nothere"]) == 2
+    assert "'nothere'" in capsys.readouterr().err and not Path("nothere").exists()

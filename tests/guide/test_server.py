@@ -421,8 +421,8 @@ def test_ctrl_c_ends_the_command_within_a_second_and_without_a_traceback(tmp_pat
     took = time.monotonic() - began
     assert process.returncode == 130
     assert errors.splitlines()[-1] == (
-        "usbench: interrupted, what was recorded is kept: a training or a study goes on "
-        "from there when it is started again."
+        "usbench: interrupted, the guide has ended; a study or a training that was begun goes on "
+        "when it is started again."
     )
     assert "Traceback" not in errors
     # Where more wants to run than there are cores, everything takes as much longer.

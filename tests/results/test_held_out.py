@@ -175,7 +175,7 @@ def test_what_was_tested_is_kept_when_a_later_test_fails(tmp_path, monkeypatch):
         (tmp_path / name).mkdir()
         (tmp_path / name / records.TRIAL).touch()
     tables.write(made(*seeds("vpg", [0.8, 0.9, 0.7], task="pp")), tmp_path)
-    monkeypatch.setattr("usbench.compare.transfer.Setting.prepare_frames", lambda _: None)
+    monkeypatch.setattr("usbench.compare.transfer.Setting.prepare_frames", lambda *_: None)
 
     def test(trial, algo, score):
         if trial.name == names[1]:
@@ -199,7 +199,7 @@ def test_tests_that_another_process_writes_meanwhile_stay(tmp_path, monkeypatch)
         (tmp_path / name).mkdir()
         (tmp_path / name / records.TRIAL).touch()
     tables.write(made(*seeds("vpg", [0.8], task="fp"), *seeds("vpg", [0.9], task="pp")), tmp_path)
-    monkeypatch.setattr("usbench.compare.transfer.Setting.prepare_frames", lambda _: None)
+    monkeypatch.setattr("usbench.compare.transfer.Setting.prepare_frames", lambda *_: None)
 
     def test(trial, algo, score):
         if trial.name == names[0]:  # while it is tested, another process tests the other
@@ -224,7 +224,7 @@ def test_no_other_process_writes_between_reading_the_tests_and_writing_them(tmp_
         locks.append(folder)
         return real(folder)
 
-    monkeypatch.setattr("usbench.compare.transfer.Setting.prepare_frames", lambda _: None)
+    monkeypatch.setattr("usbench.compare.transfer.Setting.prepare_frames", lambda *_: None)
     monkeypatch.setattr(transfer, "test", lambda *_: rows_of(0.1).iloc[0].to_dict())
     monkeypatch.setattr(held_out, "read", read)
     transfer.write(tmp_path, tmp_path, missing)
@@ -276,7 +276,7 @@ def test_how_long_the_tests_take_is_told(tmp_path, monkeypatch, caplog):
         (tmp_path / name).mkdir()
         (tmp_path / name / records.TRIAL).touch()
     tables.write(made(*seeds("vpg", [0.8, 0.9], task="pp")), tmp_path)
-    monkeypatch.setattr("usbench.compare.transfer.Setting.prepare_frames", lambda _: None)
+    monkeypatch.setattr("usbench.compare.transfer.Setting.prepare_frames", lambda *_: None)
     monkeypatch.setattr(transfer, "test", lambda *_: rows_of(0.1).iloc[0].to_dict())
     play(tmp_path)
     assert re.fullmatch(r"Testing agents on unseen phantoms: (less than|about) .*\.", caplog.messages[0])
@@ -287,7 +287,7 @@ def test_agents_of_ones_own_are_opened_only_if_they_are_named(tmp_path, monkeypa
     tables.write(made(trial(own, 0.5, task="pp", trial="own")), tmp_path)
     (tmp_path / "own").mkdir()
     (tmp_path / "own" / records.TRIAL).touch()
-    monkeypatch.setattr("usbench.compare.transfer.Setting.prepare_frames", lambda _: None)
+    monkeypatch.setattr("usbench.compare.transfer.Setting.prepare_frames", lambda *_: None)
     monkeypatch.setattr(
         transfer, "test", lambda trial, algo, score: opened.append(algo) or rows_of(0.1).iloc[0].to_dict()
     )

@@ -221,9 +221,21 @@ def test_scores_open_in_pandas_in_one_line(tmp_path):
     assert (row["seeds"], row["seeds_asked"], row["score"]) == (4, 5, 0.65)
 
 
-def test_leaderboard_is_not_written_over_by_its_scores(tmp_path):
-    with pytest.raises(ConfigurationError, match=r"scores.csv': scores.csv is written beside it"):
-        leaderboard.prepare(tmp_path / "scores.csv")
+def test_leaderboards_in_one_folder_have_scores_of_their_own(tmp_path):
+    tables.write(made(*GRID), tmp_path)
+    leaderboard.write(tmp_path, tmp_path / "leaderboard.md")
+    before = (tmp_path / "scores.csv").read_bytes()
+    tables.write(made(*seeds("vpg", [0.1])), tmp_path)
+    text, table = leaderboard.write(tmp_path, tmp_path / "mine.md")
+    assert table.name == "mine_scores.csv" and "`mine_scores.csv` has sampled actions" in text.read_text()
+    assert (tmp_path / "scores.csv").read_bytes() == before != table.read_bytes()
+
+
+@pytest.mark.parametrize("name", ["scores.csv", "board.txt", "board"])
+def test_a_leaderboard_is_markdown(tmp_path, name):
+    with pytest.raises(ConfigurationError, match=rf"must end with \.md, not '.*{name}'"):
+        leaderboard.prepare(tmp_path / name)
+    assert not list(tmp_path.iterdir())
 
 
 def test_folder_without_results_is_refused(tmp_path):

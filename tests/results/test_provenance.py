@@ -119,6 +119,7 @@ def test_hours_are_those_of_finished_trials():
     assert "30 of 31 trials are finished" in provenance.making(trials)
     assert "1.50 hours on one core, 1.00 of them training" in provenance.making(trials)
     assert "Versions: numpy 2.0, torch 2.5." in provenance.making(trials)
+    assert "9.0 minutes on one core, 6.0 of them training" in provenance.making(trials[:3])
 
 
 def test_nothing_unusual_needs_no_note():

@@ -57,6 +57,14 @@ def test_run_that_cannot_begin_is_refused(wandb, monkeypatch):
         pytest.fail("the trial began")
 
 
+def test_what_is_not_installed_is_refused_before_anything_is_made(tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "wandb", None)
+    assert cli.main([*RUN, "--out", str(tmp_path / "runs")]) == 2
+    (told,) = capsys.readouterr().err.splitlines()
+    assert "Weights & Biases, which is to follow the trial, is not installed" in told
+    assert not list(tmp_path.iterdir())
+
+
 def test_finished_trial_is_not_followed_again(quick, tmp_path, monkeypatch):
     followed = []
 
@@ -65,6 +73,7 @@ def test_finished_trial_is_not_followed_again(quick, tmp_path, monkeypatch):
         followed.append(config.folder_name)
         yield
 
+    monkeypatch.setattr(wandb_run, "check_installed", lambda: None)
     monkeypatch.setattr(wandb_run, "followed", follow)
     for module, name in ((learning_curve, "write"), (replay, "write_gif")):
         monkeypatch.setattr(module, name, lambda folder: folder)

@@ -56,8 +56,8 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         epilog=EXAMPLES,
         help="compare algorithms and write a leaderboard",
         description="Run the trials that are missing, several at a time; write the leaderboard, "
-        "scores.csv beside it, and tables and figures in a folder beside it. random, stay and oracle always "
-        "take part.",
+        "a table of scores beside it, and tables and figures in a folder beside it. random, stay and oracle "
+        "always take part.",
     )
     compare.add_argument(
         "--algos",
@@ -76,7 +76,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         nargs="+",
         type=number,
         metavar="P",
-        help="probabilities 0..1 (default: those of the protocol)",
+        help="probabilities that the probe slips after an action, 0 to 1 (default: those of the protocol)",
     )
     compare.add_argument(
         "--seeds",
@@ -116,6 +116,7 @@ def _call(args: argparse.Namespace) -> None:
     """Run what is missing of a comparison, then write its leaderboard and figures."""
     tell_watcher("looking at the trials that there are: some seconds", args.quiet)
     tell = partial(print, file=sys.stderr)
+    from usbench import records
     from usbench.cli.output import sweep_output
     from usbench.compare import plan, protocol, rest, runs
     from usbench.results import leaderboard
@@ -133,17 +134,19 @@ def _call(args: argparse.Namespace) -> None:
         n_frames=args.n_frames,
         senses=args.senses,
     )
-    if args.leaderboard is None:
-        usual = LEADERBOARD if args.table is None else TABLES / args.table / LEADERBOARD
-        args.leaderboard = runs.place(usual, args.out, [config.folder_name for config in planned], tell)
-    with leaderboard.prepared(args.leaderboard):
+    if args.report_only:
+        records.existing(args.out)
+    usual = LEADERBOARD if args.table is None else TABLES / args.table / LEADERBOARD
+    names = [config.folder_name for config in planned]
+    path = runs.place(usual, args.out, names, tell, named=args.leaderboard)
+    with leaderboard.prepared(path):
         outcomes = [] if args.report_only else _run_missing(args, planned, jobs)
         # First: damaged records make no leaderboard.
         failed = sweep_output.failures(outcomes)
         for line in failed:
             print(line, file=sys.stderr)
-        for path in runs.report(planned, args.out, args.leaderboard):
-            print(path)
+        for written in runs.report(planned, args.out, path):
+            print(written)
     if failed:
         raise RuntimeError(
             f"{len(failed)} of {len(planned)} trials failed; the same command tries them again."

@@ -60,7 +60,12 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="task to begin with (default: the trial's, or pp-tracked; of a study pp)",
     )
-    guide.add_argument("--noise", type=number, metavar="P", help="0..1 (default: the trial's, or 0)")
+    guide.add_argument(
+        "--noise",
+        type=number,
+        metavar="P",
+        help="probability that the probe slips after an action, 0 to 1 (default: the trial's, or 0)",
+    )
     add_probe_and_imaging(guide)
     guide.add_argument(
         "--seed", type=number, metavar="N", help="seed of the episodes (default: a random one)"
@@ -75,7 +80,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         "--port", type=number, default=0, metavar="N", help="port of the page (default: a free one)"
     )
     guide.add_argument("--no-browser", action="store_true", help="print the address, open nothing")
-    kept = "what was recorded is kept: a training or a study goes on from there when it is started again."
+    kept = "the guide has ended; a study or a training that was begun goes on when it is started again."
     guide.set_defaults(call=_call, ends_at_once=True, interrupted=kept)
 
 

@@ -102,7 +102,7 @@ def _write_trials(args: argparse.Namespace) -> Path:
     known = _gathered(args.runs)
     tell = partial(print, file=sys.stderr)
     names = known.trials["trial"]
-    path: Path = args.leaderboard or runs.place(LEADERBOARD, args.runs, names, tell, with_studies=True)
+    path = runs.place(LEADERBOARD, args.runs, names, tell, named=args.leaderboard, with_studies=True)
     folder = leaderboard.prepare(path)
     runs.write_tables(known, folder)
     studies.write(studies.gather(args.runs), folder)

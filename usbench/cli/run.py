@@ -48,7 +48,13 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
     )
     run.add_argument("--algo", required=True, help="algorithm, for example vpg (see usbench list)")
     run.add_argument("--task", required=True, help="task, for example pp (see usbench list)")
-    run.add_argument("--noise", type=number, default=0.0, metavar="P", help="probability 0..1 (default 0)")
+    run.add_argument(
+        "--noise",
+        type=number,
+        default=0.0,
+        metavar="P",
+        help="probability that the probe slips after an action, 0 to 1 (default 0)",
+    )
     run.add_argument("--seed", type=number, default=0, metavar="N", help="trial seed (default 0)")
     run.add_argument("--steps", type=number, metavar="N", help="training steps (default: the task's budget)")
     run.add_argument(
@@ -58,7 +64,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         "--n-envs",
         type=number,
         metavar="N",
-        help="environments that learn in step (default: the algorithm's own, most have 1)",
+        help="environments that are stepped together (default: the algorithm's own, most have 1)",
     )
     run.add_argument(
         "--n-phantoms",
@@ -149,20 +155,24 @@ def _begin(config: TrialConfig, args: argparse.Namespace) -> Trial | None:
     """Say what is going to be done, within a second; return the trial that stands there, if one is to stay.
 
     Raises:
-        ConfigurationError: If the folder for trials cannot be written.
+        ConfigurationError: If the folder for trials cannot be written, or what is to follow the trial is not
+            installed.
     """
     from usbench import records
 
-    try:
-        args.out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise records.unwritable(args.out, error) from error
+    records.check_writable(args.out)
     # What is overwritten is not read: it may be damaged.
     trial = None if args.overwrite else records.Trial.find(args.out / config.folder_name)
-    if not args.quiet and (trial is None or trial.status != "finished"):
+    if trial is not None and trial.status == "finished":
+        return trial
+    if args.wandb:
+        from usbench.trials import wandb_run
+
+        wandb_run.check_installed()
+    if not args.quiet:
         where = f" on {config.phantom_set}" if config.phantom_set else ""
         how = f"{config.steps} training steps{where}" if config.steps else "evaluation alone"
-        told = f"{config.title}: {how}; frames that are not kept are simulated first"
+        told = f"{config.title}: {how}; frames that are not on disk yet are simulated first"
         print(told, file=sys.stderr, flush=True)
         _hint(config.seed, dict(args.set))
     return trial

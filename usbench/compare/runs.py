@@ -43,26 +43,37 @@ def place(
     names: Iterable[str],
     tell: Callable[[str], None] = lambda _: None,
     *,
+    named: Path | None = None,
     with_studies: bool = False,
 ) -> Path:
-    """Return where the leaderboard of the trials `names` goes if no file is named.
+    """Return where the leaderboard of the trials `names` goes: to the file that is `named`, or to `usual`.
 
-    That is `usual`, unless the tables beside it would lose trials that are not among `names` and have no
-    folder in `out`, as in a clone those of the benchmark's own leaderboard; or, `with_studies`, studies that
-    have none there. Then it is `out / usual`, which `tell` is told.
+    Where the tables beside `usual` would lose trials that are not among `names` and have no folder in `out`,
+    as in a clone those of the benchmark's own leaderboard, or, `with_studies`, studies that have none there,
+    it goes to `out / usual`. A file that is named is taken in any case. `tell` is told of both.
     """
-    folder = leaderboard.files(usual)
+    path = named or usual
+    if not _would_lose(path, out, names, with_studies):
+        return path
+    held = f"{path} holds trials or studies that are not in {out}"
+    if named is not None:
+        tell(f"{held}: this leaderboard takes their place")
+        return named
+    tell(f"{held}: this leaderboard goes to {out / usual}")
+    return out / usual
+
+
+def _would_lose(board: Path, out: Path, names: Iterable[str], with_studies: bool) -> bool:
+    """Return whether tables beside `board` hold what that of the trials `names` in `out` would not have."""
+    folder = leaderboard.files(board)
     try:
         kept = tables.read(folder).trials
         own = {studies.folder_of(out, name) for name in studies.read(folder)["study"] if with_studies}
     except (FileNotFoundError, ValueError):  # nothing there that could be lost
-        return usual
+        return False
     learned = (kept["steps"] > 0) & (kept["status"] == "finished")
     others = {out / name for name in set(kept.loc[learned, "trial"]) - set(names)} | own
-    if all(path.exists() for path in others):
-        return usual
-    tell(f"{usual} holds trials or studies that are not in {out}: this leaderboard goes to {out / usual}")
-    return out / usual
+    return not all(path.exists() for path in others)
 
 
 def write_tables(known: Results, folder: Path) -> None:

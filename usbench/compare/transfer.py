@@ -2,6 +2,7 @@
 
 import contextlib
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import pandas as pd
@@ -14,6 +15,9 @@ from usbench.setting import Setting
 from usbench.trials.evaluation import Evaluator
 from usbench.trials.model_loading import load_agent
 from usbench.waiting import Waiting
+
+# Frames are told of every so many.
+TOLD_FRAMES = 25
 
 
 def untested(
@@ -82,7 +86,7 @@ def write(
     torch.set_num_threads(1)  # as in training: the bits do not depend on the machine
     for task in dict.fromkeys(missing["task"].map(held_out.MANY)):
         tell(f"frames of {task}")
-        Setting(task=task).prepare_frames()
+        Setting(task=task).prepare_frames(partial(_tell_frames, tell))
     failures = []
     waiting = Waiting("Testing agents on unseen phantoms", len(missing))
     for number, (name, algo) in enumerate(missing[["trial", "algo"]].itertuples(index=False, name=None), 1):
@@ -143,3 +147,9 @@ def test(trial: Path, algo: str, score: float) -> dict[str, object]:
         played = evaluator.play(loaded.agent, checkpoint=config.steps, step=config.steps, deterministic=True)
     table = pd.DataFrame([episode.as_row() for episode in played])
     return held_out.summary(trial.name, setting.task, table, setting.anchors())
+
+
+def _tell_frames(tell: Callable[[str], None], done: int, total: int) -> None:
+    """Tell how many frames there are, every now and then."""
+    if done % TOLD_FRAMES == 0 or done == total:
+        tell(f"simulating frames: {done} of {total}")

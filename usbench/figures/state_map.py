@@ -60,6 +60,7 @@ def draw(
     grid = np.full((len(rows), len(columns)), np.nan)
     grid[np.searchsorted(rows, y), np.searchsorted(columns, x)] = shades
     image = axis.pcolormesh(columns, rows, grid, cmap="Blues", vmin=vmin, vmax=vmax)
+    colors = np.where(np.asarray(shades) > (vmin + vmax) / 2, "white", "black")
     steps = np.array([_direction(task, key, int(action)) for action in actions])
     moves = steps.any(axis=1)
     # All as long on paper: 0.7 of a row, whose height limits arrows upwards and downwards.
@@ -67,8 +68,9 @@ def draw(
     axis.quiver(
         x[moves], y[moves], *steps[moves].T,
         angles="xy", units="height", scale_units="height", scale=1 / length, pivot="mid", width=0.13 * length,
+        color=colors[moves],
     )  # fmt: skip
-    axis.plot(x[~moves], y[~moves], "o", color="black", markersize=4)
+    axis.scatter(x[~moves], y[~moves], s=16, color=colors[~moves], zorder=3)
     axis.set(title=task.title, xlabel=BY_NAME["x_mm"].label, ylabel=BY_NAME[key].label)
     if key == "focal_depth_mm":
         axis.invert_yaxis()

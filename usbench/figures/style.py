@@ -88,7 +88,8 @@ def check_file(path: Path, endings: Sequence[str]) -> Path:
             written.
     """
     if path.suffix not in endings:
-        raise ConfigurationError(f"the file must end with one of {', '.join(endings)}, not {path.name!r}.")
+        one = "one of " if len(endings) > 1 else ""
+        raise ConfigurationError(f"the file must end with {one}{', '.join(endings)}, not {path.name!r}.")
     if path.is_dir():
         raise ConfigurationError(f"the file cannot be {str(path)!r}, which is a folder: choose another name.")
     if not path.parent.is_dir():

@@ -54,12 +54,12 @@ def write(runs: Path, out: Path, tell: Tell = lambda _: None) -> Path:
     tell("reading the records")
     damaged: list[str] = []
     known = sources.gather([runs], damaged.append)
-    for sentence in damaged:
-        tell(f"left out: {sentence}")
     if known.trials.empty and studies.gather(runs).empty:
         raise ConfigurationError(
             damaged[0] if damaged else f"no trial and no study in {str(runs)!r} has begun."
         )
+    for sentence in damaged:
+        tell(f"left out: {sentence}")
     studied = tables.studied(runs)
     if (runs / records.TRIAL).is_file():
         runs = runs.resolve().parent

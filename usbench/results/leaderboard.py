@@ -30,12 +30,13 @@ from usbench.results.text import DASH
 from usbench.tasks import row_of
 
 SCORES = "scores.csv"
+USUAL, ENDING = "leaderboard", ".md"
 # Title, column of `scores.cells`, factor, digits.
 RETURN, SUCCESS = ("return", "return", 1, 2), ("success (%)", "success_rate", 100, 0)
-MEASURES = f"""\
+MEASURES = """\
 Tables of single cells have the score with greedy and with sampled actions, the return and the success;
 those on new phantoms have the ceiling and what agents learned with in place of sampled actions and return.
-`{SCORES}` has sampled actions and return of all cells, distance, plane error, steps to goal, area under the
+`{scores}` has sampled actions and return of all cells, distance, plane error, steps to goal, area under the
 curve and training time, too."""
 
 READING = """\
@@ -63,14 +64,19 @@ def files(path: Path) -> Path:
     return path.with_name(f"{path.stem}_files")
 
 
+def scores_file(path: Path) -> Path:
+    """Return the table of scores beside the leaderboard `path`: leaderboards in one folder share none."""
+    return path.with_name(SCORES if path.stem == USUAL else f"{path.stem}_{SCORES}")
+
+
 def prepare(path: Path) -> Path:
     """Return the folder for the tables and figures beside the leaderboard `path`, made if need be.
 
     Raises:
         ConfigurationError: If nothing can be written there; better before hours of trials than after.
     """
-    if path.name == SCORES:
-        raise ConfigurationError(f"the leaderboard cannot be {str(path)!r}: {SCORES} is written beside it.")
+    if path.suffix != ENDING:
+        raise ConfigurationError(f"the name of the leaderboard must end with {ENDING}, not {str(path)!r}.")
     try:
         if path.is_dir():
             raise IsADirectoryError(None, "it is a folder")
@@ -104,7 +110,7 @@ def prepared(path: Path) -> Iterator[Path]:
 
 
 def write(folder: Path, path: Path) -> list[Path]:
-    """Write the leaderboard of the results in `folder` to `path`, and `scores.csv` beside it.
+    """Write the leaderboard of the results in `folder` to `path`, and its `scores_file` beside it.
 
     Raises:
         FileNotFoundError: If `folder` holds no results.
@@ -121,8 +127,9 @@ def write(folder: Path, path: Path) -> list[Path]:
             tuning.read(folder),
             captions.links(known, folder, files(path).name),
             additions.unverified(folder),
+            scores_table=scores_file(path).name,
         ),
-        path.with_name(SCORES): table,
+        scores_file(path): table,
     }
     for name, content in written.items():
         with atomic_file(name) as file:
@@ -138,16 +145,18 @@ def markdown(
     figures: Mapping[str, Sequence[str]] = MappingProxyType({}),
     unverified: Collection[str] = (),
     changed: Collection[str] = (),
+    scores_table: str = SCORES,
 ) -> str:
     """Return the leaderboard as Markdown.
 
     The others are what `held_out`, `studies` and `tuning` read, None where there is nothing; `figures` are
     links to the pictures of each part of `scores.parts`, `unverified` names of trials: rows that hold one say
-    so. `changed` are names of trials with another environment than their task's. The pictures of the first
+    so. `changed` are names of trials with another environment than their task's,
+    `scores_table` is the name of the `scores_file`. The pictures of the first
     part stand at the top, those of each other part in its own section.
     """
     doubted = set(unverified) & set(known.trials["trial"])
-    reading = text.folded("How to read the numbers", f"{READING}\n{MEASURES}")
+    reading = text.folded("How to read the numbers", f"{READING}\n{MEASURES.format(scores=scores_table)}")
     first, *others = scores.parts(known)
     parts = ["# Leaderboard", *verdict.sentences(known, tested), *figures.get(first, ()), reading]
     pictures = {name: figures.get(name, ()) for name in others}

@@ -34,7 +34,6 @@ def making(trials: pd.DataFrame, besides: Sequence[str] = (), changed: Collectio
     another environment than their task's, which no command of these says: they are named.
     """
     finished = trials[trials["status"] == "finished"]
-    hours, training = (finished[key].sum() / 3600 for key in ("total_s", "training_s"))
     as_named = trials[~trials["trial"].isin(changed)]
     lines = [line for name, own in further.tables_of(as_named).items() for line in _commands_of(name, own)]
     if len(lines) > 1:
@@ -47,12 +46,19 @@ def making(trials: pd.DataFrame, besides: Sequence[str] = (), changed: Collectio
             f"{len(trials)}, as {code(others[0])}."
         )
     parts.append(
-        f"{len(finished)} of {len(trials)} trials are finished. One after another they took {hours:.2f} "
-        f"hours on one core, {training:.2f} of them training."
+        f"{len(finished)} of {len(trials)} trials are finished. One after another they took "
+        f"{_time(finished['total_s'].sum(), finished['training_s'].sum())} of them training."
     )
     if not finished.empty:
         parts.append(f"Versions: {finished['versions'].mode().iloc[0] or 'not recorded'}.")
     return "\n\n".join(parts)
+
+
+def _time(total_s: float, training_s: float) -> str:
+    """Return both times in words, in minutes where all is less than an hour."""
+    if total_s < 3600:
+        return f"{total_s / 60:.1f} minutes on one core, {training_s / 60:.1f}"
+    return f"{total_s / 3600:.2f} hours on one core, {training_s / 3600:.2f}"
 
 
 def _commands_of(name: str, own: pd.DataFrame) -> list[str]:

@@ -141,7 +141,10 @@ def _seen(learning: pd.DataFrame, agents: Collection[str]) -> list[str]:
     """Return in words which seeds of `agents` settings may have been chosen on."""
     own, pool = named(learning), seed_pools.own().comparison
     others = sorted({seed for seed in own.loc[own["agent"].isin(agents), "seed"] if seed not in pool})
-    return [f"seeds that are not kept for comparisons ({', '.join(map(str, others))})"] if others else []
+    if not others:
+        return []
+    listed = ", ".join(map(str, others))
+    return [f"{'seed' if len(others) == 1 else 'seeds'} {listed}, not of those kept for comparisons ({pool})"]
 
 
 def _is_part(cells: Sequence[scores.Cell], table: str) -> bool:

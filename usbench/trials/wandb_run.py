@@ -11,6 +11,20 @@ from usbench.words import in_one_line
 PROJECT = "usbench"
 
 
+def check_installed() -> None:
+    """Refuse to follow a trial where Weights & Biases is not installed.
+
+    Raises:
+        ConfigurationError: If it is not.
+    """
+    try:
+        import wandb  # noqa: F401
+    except ImportError:
+        raise ConfigurationError(
+            f"Weights & Biases, which is to follow the trial, is not installed: {install('wandb')}."
+        ) from None
+
+
 @contextlib.contextmanager
 def followed(config: TrialConfig) -> Iterator[None]:
     """Let Weights & Biases follow the trial that runs inside; its own variables say how (WANDB_MODE, ..).
@@ -18,12 +32,9 @@ def followed(config: TrialConfig) -> Iterator[None]:
     Raises:
         ConfigurationError: If it is not installed or lets no run begin, as without an account.
     """
-    try:
-        import wandb
-    except ImportError:
-        raise ConfigurationError(
-            f"Weights & Biases, which is to follow the trial, is not installed: {install('wandb')}."
-        ) from None
+    check_installed()
+    import wandb
+
     try:
         run = wandb.init(
             project=PROJECT,

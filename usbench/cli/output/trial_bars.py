@@ -56,9 +56,9 @@ class Bars:
     def expected(self, wall_s: float, cpu_s: float) -> None:
         """Training and evaluations begin now, and take about `wall_s` and `cpu_s` of CPU time."""
         told = (
-            f"training and evaluations: {duration(wall_s)} as this machine is now ({duration(cpu_s)} of CPU "
+            f"training and evaluations: {duration(wall_s)} ({duration(cpu_s)} of CPU time), estimated from a "
         )
-        self._say(f"{told}time), by a short rehearsal")
+        self._say(f"{told}short test on this machine")
 
     def training(self, step: int, steps: int, mean_return: float, score: float) -> None:
         """Training is at `step` of `steps`; mean return and normalised score of the last episodes."""

@@ -34,7 +34,13 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         "turn), the folder of a trial, or an agent of the package by its name, such as vpg:pp",
     )
     dataset.add_argument("--episodes", type=number, default=1000, metavar="N", help="(default 1000)")
-    dataset.add_argument("--noise", type=number, default=0.0, metavar="P", help="0..1 (default 0)")
+    dataset.add_argument(
+        "--noise",
+        type=number,
+        default=0.0,
+        metavar="P",
+        help="probability that the probe slips after an action, 0 to 1 (default 0)",
+    )
     dataset.add_argument(
         "--seed", type=number, default=0, metavar="N", help="seed of the episodes (default 0)"
     )

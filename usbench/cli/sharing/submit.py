@@ -50,9 +50,8 @@ def _call(args: argparse.Namespace) -> None:
     wrong = {folder.name: told for folder, told in found.items() if told}
     if wrong:
         name, told = next(iter(wrong.items()))
-        raise RuntimeError(
-            f"{len(wrong)} of {len(found)} trials are not verified, nothing is written; {name}: {told[0]}"
-        )
+        counted = "the trial is" if len(found) == 1 else f"{len(wrong)} of {len(found)} trials are"
+        raise RuntimeError(f"{counted} not verified, nothing is written; {name}: {told[0]}")
     for told_of_frames in submission.other_frames(list(found), tell):
         print(told_of_frames, file=sys.stderr)
     print(f"verified: {len(found)} of {len(found)} trials")
