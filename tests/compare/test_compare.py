@@ -79,6 +79,7 @@ def test_plan_takes_what_is_named_twice_once():
 
 def test_default_command_is_the_grid_of_the_protocol(here, monkeypatch):
     planned = []
+    (here / "runs").mkdir()
 
     def nothing_yet(configs, *_):
         planned.extend(configs)

@@ -85,6 +85,7 @@ def test_the_command_refuses_in_one_sentence(tmp_path, monkeypatch, capsys):
 
 def test_a_further_table_has_a_folder_of_its_name(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "runs").mkdir()
     written = []
     monkeypatch.setattr("usbench.compare.runs.report", lambda planned, out, path: written.append(path) or [])
     for more in ([], ["--table", "long"], ["--table", "long", "--leaderboard", "mine.md"]):

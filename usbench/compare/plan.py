@@ -70,7 +70,7 @@ def _check_open(planned: Sequence[TrialConfig], names: str) -> None:
         if not unseen.has(task, config.steps):
             raise ConfigurationError(
                 f"{names} cannot be chosen on {task!r} with {config.steps} steps: they can on "
-                f"unseen phantoms alone, with the steps of that table (docs/submit.md)."
+                f"unseen phantoms alone, with the steps of the table {unseen.NAME!r} (docs/submit.md)."
             )
         if not is_on_its_task(config):
             told = ", ".join(map(repr, (*suite.TASKS[task].senses, ACTIONS)))

@@ -64,12 +64,12 @@ def place(
 
 
 def _would_lose(board: Path, out: Path, names: Iterable[str], with_studies: bool) -> bool:
-    """Return whether tables beside `board` hold what that of the trials `names` in `out` would not have."""
+    """Return whether tables beside `board` hold trials, or studies, neither among `names` nor in `out`."""
     folder = leaderboard.files(board)
     try:
         kept = tables.read(folder).trials
         own = {studies.folder_of(out, name) for name in studies.read(folder)["study"] if with_studies}
-    except (FileNotFoundError, ValueError):  # nothing there that could be lost
+    except (FileNotFoundError, NotADirectoryError, ValueError):  # nothing there that could be lost
         return False
     learned = (kept["steps"] > 0) & (kept["status"] == "finished")
     others = {out / name for name in set(kept.loc[learned, "trial"]) - set(names)} | own
