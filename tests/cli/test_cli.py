@@ -103,6 +103,7 @@ def test_a_folder_is_no_file_of_a_leaderboard(capsys, tmp_path, command):
     for folder in (".", str(tmp_path)):
         said = f"must be a file, for example leaderboard.md, not the folder {folder!r}"
         assert said in refusal(capsys, command, "--leaderboard", folder)
+    assert "must end with .md, not 'board.txt'" in refusal(capsys, command, "--leaderboard", "board.txt")
 
 
 def test_trial_from_end_to_end_and_once_more(capsys, tmp_path, quick):

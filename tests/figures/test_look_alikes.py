@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgba
 
 from usbench.envs.oracle import policy
 from usbench.envs.pose import Pose
@@ -44,6 +45,16 @@ def test_the_most_alike_pair_is_the_one_that_was_made_alike():
     assert pair["correlation"] == pytest.approx(1.0)
     assert (pair["pose"], pair["action"]) == ("x 0 mm, 40 mm deep", "down")
     assert (pair["other"], pair["other_action"]) == ("x 0 mm, 60 mm deep", "up")
+
+
+@pytest.mark.parametrize(("shade", "color"), [(0, "black"), (1, "white")])
+def test_arrows_and_dots_are_legible_on_their_shades(shade, color):
+    _, axes = style.panels(1, 1)
+    actions = policy(PROBE_PLANE).actions[0]
+    state_map.draw(axes[0, 0], PROBE_PLANE, actions, np.full(len(actions), shade), vmin=0, vmax=1)
+    _, arrows, dots = axes[0, 0].collections
+    for drawn in (arrows, dots):
+        assert np.array_equal(np.unique(drawn.get_facecolor(), axis=0), [to_rgba(color)])
 
 
 @pytest.mark.parametrize("task", [FOCAL_POINT, PROBE_PLANE], ids=lambda task: task.name)

@@ -181,7 +181,7 @@ def test_a_first_look_names_who_has_too_few_seeds():
 def test_seeds_that_settings_may_have_been_chosen_on_are_a_first_look(seed):
     trials = [*seeds("vpg", LOW), *seeds("ppo", HIGH), trial("ppo", 0.9, seed=seed)]
     first, *_ = paragraphs(*trials)
-    assert first[0].endswith(f"no ranking: seed {seed}, not of those kept for comparisons (100 to 999)")
+    assert first[0].endswith(f"no ranking: seed {seed} is not among those kept for comparisons (100 to 999)")
     assert first[-1].endswith("is open")
 
 

@@ -101,11 +101,13 @@ def add_leaderboard_file(parser: argparse.ArgumentParser, default: str = str(LEA
 
 
 def _file(text: str) -> Path:
-    """Return the path of a file, which need not be there; a folder is none."""
+    """Return the path of a leaderboard, which need not be there; a folder is none."""
     if Path(text).is_dir():
         raise argparse.ArgumentTypeError(
             f"must be a file, for example {LEADERBOARD}, not the folder {text!r}"
         )
+    if Path(text).suffix != LEADERBOARD.suffix:
+        raise argparse.ArgumentTypeError(f"must end with {LEADERBOARD.suffix}, not {text!r}")
     return Path(text)
 
 

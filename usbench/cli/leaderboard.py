@@ -27,7 +27,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
         "leaderboard",
         parents=[debug],
         help="write a leaderboard again, from its tables, from every trial in a folder, or from both",
-        description="Write the leaderboard, scores.csv beside it and the figures again, from the tables that "
+        description="Write the leaderboard, its table of scores and the figures again, from the tables that "
         "compare left in the folder beside it (leaderboard_files), of several comparisons together, or with "
         "more trials; no trial is run. Where there are no tables, --add adds to those of the benchmark's own "
         "leaderboard, which come with the package.",

@@ -75,7 +75,7 @@ def write(
         runs: Where the trials are.
         folder: Where the comparison's tables are; tests of trials that these do not have are left out.
         missing: What `untested` returned.
-        tell: Told which trial is tested.
+        tell: Told how many frames there are, and which trial is tested.
 
     Returns:
         Why a trial cannot be tested, in a sentence for each that cannot; the others are tested.

@@ -55,6 +55,8 @@ def write(runs: Path, out: Path, tell: Tell = lambda _: None) -> Path:
     damaged: list[str] = []
     known = sources.gather([runs], damaged.append)
     if known.trials.empty and studies.gather(runs).empty:
+        for sentence in damaged[1:]:
+            tell(f"left out: {sentence}")
         raise ConfigurationError(
             damaged[0] if damaged else f"no trial and no study in {str(runs)!r} has begun."
         )

@@ -1,4 +1,4 @@
-"""Results in, `leaderboard.md` and `scores.csv` out: same results, same bytes."""
+"""Results in, a leaderboard and its table of scores out: same results, same bytes."""
 
 import contextlib
 from collections.abc import Collection, Iterator, Mapping, Sequence

@@ -144,7 +144,8 @@ def _seen(learning: pd.DataFrame, agents: Collection[str]) -> list[str]:
     if not others:
         return []
     listed = ", ".join(map(str, others))
-    return [f"{'seed' if len(others) == 1 else 'seeds'} {listed}, not of those kept for comparisons ({pool})"]
+    are = "seed {} is" if len(others) == 1 else "seeds {} are"
+    return [f"{are.format(listed)} not among those kept for comparisons ({pool})"]
 
 
 def _is_part(cells: Sequence[scores.Cell], table: str) -> bool:

@@ -3,6 +3,7 @@
 import contextlib
 from collections.abc import Iterator
 from dataclasses import asdict
+from importlib.util import find_spec
 
 from usbench.checks import install
 from usbench.records import ConfigurationError, TrialConfig
@@ -17,12 +18,11 @@ def check_installed() -> None:
     Raises:
         ConfigurationError: If it is not.
     """
-    try:
-        import wandb  # noqa: F401
-    except ImportError:
+    # Looked for and not imported, which takes seconds.
+    if find_spec("wandb") is None:
         raise ConfigurationError(
             f"Weights & Biases, which is to follow the trial, is not installed: {install('wandb')}."
-        ) from None
+        )
 
 
 @contextlib.contextmanager
