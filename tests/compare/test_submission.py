@@ -345,6 +345,9 @@ def test_a_submission_is_written_checked_again_and_added(runs, capsys):
     assert cli.main(["submit", "submission", "--check", "--quiet"]) == 1
     error = capsys.readouterr().err
     assert "1 of 2 trials are not verified, nothing is written; pp-p0-dqn-s100" in error
+    wrong = str(records.trial_folders(Path("submission"))[0])
+    assert cli.main(["submit", wrong, "--check", "--quiet"]) == 1
+    assert "the trial is not verified, nothing is written; pp-p0-dqn-s100" in capsys.readouterr().err
 
 
 def test_the_folder_of_a_submission_holds_its_trials_alone_and_is_no_source(runs, capsys):

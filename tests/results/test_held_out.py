@@ -193,6 +193,22 @@ def test_what_was_tested_is_kept_when_a_later_test_fails(tmp_path, monkeypatch):
     assert play(tmp_path) == ["its model is broken."]
 
 
+def test_frames_that_are_simulated_are_told(tmp_path, monkeypatch):
+    tables.write(made(*seeds("vpg", [0.8], task="pp")), tmp_path)
+    (tmp_path / "pp-p0-vpg-s100").mkdir()
+    (tmp_path / "pp-p0-vpg-s100" / records.TRIAL).touch()
+
+    def simulate(_setting, report):
+        for done in range(1, 61):
+            report(done, 60)
+
+    monkeypatch.setattr("usbench.compare.transfer.Setting.prepare_frames", simulate)
+    monkeypatch.setattr(transfer, "test", lambda *_: rows_of(0.1).iloc[0].to_dict())
+    told = []
+    transfer.write(tmp_path, tmp_path, transfer.untested(tmp_path, tmp_path), told.append)
+    assert told[:-1] == ["frames of pp-random", *(f"simulating frames: {n} of 60" for n in (25, 50, 60))]
+
+
 def test_tests_that_another_process_writes_meanwhile_stay(tmp_path, monkeypatch):
     names = ["fp-p0-vpg-s100", "pp-p0-vpg-s100"]
     for name in names:

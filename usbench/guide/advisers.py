@@ -23,7 +23,7 @@ class Advisers:
     """
 
     def __init__(self, runs: Path, given: Known | None, tell: Callable[[str], None]) -> None:
-        """No agent is known before `find`.
+        """No agent is known before `begin`.
 
         Args:
             runs: Folder with trials.
@@ -35,6 +35,19 @@ class Advisers:
         self.opened: Opened | None = None
         self._trials: dict[str, Known] = {}
         self._others: list[Known] = []
+
+    def begin(self, setting: Setting, tasks: Collection[str], recorded: str | None) -> None:
+        """Look for trials, and let the given trial's agent advise, or without one that of `choose_best`.
+
+        Raises:
+            ConfigurationError: If the model of the given trial cannot be used.
+        """
+        self.find(setting, tasks)
+        if self._given is None:
+            self.choose_best(setting, recorded)
+        else:
+            self.opened = guide_agents.open_trial(self._given, setting)
+            self.name = self._given.name
 
     def find(self, setting: Setting, tasks: Collection[str]) -> None:
         """Look for trials: those whose agents can be chosen for `tasks`, and those that met other images."""
@@ -74,15 +87,6 @@ class Advisers:
         """Let the agent of that name advise, which `check` has let pass."""
         self.name = name
         self._open(setting)
-
-    def choose_given(self, given: Known, setting: Setting) -> None:
-        """Let the given trial's agent advise.
-
-        Raises:
-            ConfigurationError: If its model cannot be used.
-        """
-        self.opened = guide_agents.open_trial(given, setting)
-        self.name = given.name
 
     def choose_best(self, setting: Setting, recorded: str | None = None) -> None:
         """Let the best agent of the task advise, or that which a study has recorded, or else the optimum."""

@@ -71,11 +71,7 @@ class Session:
         self.training, self.n_begun = QuickTraining(runs), 0
         self.hidden = False
         self.advisers = Advisers(runs, own, tell)
-        self.advisers.find(self.setting, self.tasks)
-        if own is None:
-            self.advisers.choose_best(self.setting, None if study is None else agent_of(runs, study))
-        else:
-            self.advisers.choose_given(own, self.setting)
+        self.advisers.begin(self.setting, self.tasks, None if study is None else agent_of(runs, study))
         if study is not None and self.advisers.opened is None:
             raise ConfigurationError(self.advisers.message)
         self.study = None if study is None else Study(runs, study, self.setting, self.advisers.name)
