@@ -257,6 +257,12 @@ def test_list_refuses_an_unknown_name_with_the_closest(capsys):
     assert "did you mean 'qrdqn'?" in refusal(capsys, "list", "qdqn")
 
 
+@pytest.mark.parametrize(("typed", "meant"), [("wach", "watch"), ("leaderbord", "leaderboard")])
+def test_an_unknown_command_is_told_the_closest(capsys, typed, meant):
+    assert f"invalid choice: {typed!r}" in (told := refusal(capsys, typed))
+    assert f"(did you mean {meant!r}?)" in told
+
+
 @pytest.mark.parametrize("command, argument", [("watch", "TRIAL"), ("guide", "TRIAL"), ("list", "NAME")])
 def test_a_second_argument_is_refused_with_what_the_command_takes(capsys, command, argument):
     said = refusal(capsys, command, "runs/one", "runs/two")

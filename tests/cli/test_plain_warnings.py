@@ -19,6 +19,9 @@ def shown(monkeypatch, capfd, *argv):
 
     def call(_):
         Setting(task="pp").prepare_frames()
+        for _ in range(2):
+            warnings.warn("no room", stacklevel=1)
+            warnings.warn("no room", stacklevel=1)  # another line of the source
         warnings.warn("outdated", DeprecationWarning, stacklevel=1)
 
     monkeypatch.setattr(scanner, "scan", coded_scan)
@@ -43,11 +46,12 @@ def in_the_way(monkeypatch, tmp_path):
 
 
 def test_frames_that_cannot_be_kept_are_told_in_one_sentence(in_the_way, monkeypatch, capfd):
-    first, *others = shown(monkeypatch, capfd).splitlines()
+    first, second, *others = shown(monkeypatch, capfd).splitlines()
     assert first == (
         f"usbench: frames are not kept on disk, as {str(in_the_way)!r} takes none (Not a directory): "
         "USBENCH_CACHE sets another folder."
     )
+    assert second == "usbench: no room"  # once, though several lines warn of it
     assert "test_plain_warnings.py" in others[0] and "DeprecationWarning: outdated" in others[0]
 
 

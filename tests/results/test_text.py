@@ -1,6 +1,7 @@
 """Numbers and names in words."""
 
 import math
+import shlex
 
 from usbench.results import text
 
@@ -24,3 +25,11 @@ def test_names_in_a_row():
 def test_escaped_names_are_no_markup():
     assert text.escaped("exam-stop") == "exam-stop"
     assert text.escaped("a](b)`<c>") == "a&#93;&#40;b&#41;&#96;&#60;c&#62;"
+
+
+def test_a_long_command_breaks_at_no_options_value_and_is_the_same_for_the_shell():
+    command = "usbench run --algo double_dqn --task exam-random --seed 102 --senses actions focus --quiet"
+    told = text.in_lines(command)
+    assert [line.split()[-1] for line in told.replace("\\\n", "\n").splitlines()] == ["102", "--quiet"]
+    assert shlex.split(told.replace("\\\n", " ")) == command.split()
+    assert all(len(line) <= 78 for line in told.splitlines())

@@ -196,12 +196,17 @@ def _telling(quiet: bool) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _plain_warnings() -> Iterator[None]:
-    """Show what is meant for users as a sentence, without the line of the source that warns of it."""
-    usual = warnings.formatwarning
+    """Show what is meant for users as a sentence, once, without the line of the source that warns of it."""
+    usual, said = warnings.formatwarning, set()
 
     def plain(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> str:
+        if category is not UserWarning:
+            return usual(message, category, *where, **more)
         sentence = f"usbench: {message}\n"
-        return sentence if category is UserWarning else usual(message, category, *where, **more)
+        if sentence in said:  # Python counts it anew for each line of the source
+            return ""
+        said.add(sentence)
+        return sentence
 
     warnings.formatwarning = plain
     try:

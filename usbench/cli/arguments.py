@@ -39,6 +39,14 @@ class Parser(argparse.ArgumentParser):
         """Takes argparse's arguments."""
         super().__init__(allow_abbrev=False, formatter_class=Help, **kwargs)
 
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """Refuse a value that is none of the choices, as of an unknown command, with the closest of them."""
+        try:
+            super()._check_value(action, value)
+        except argparse.ArgumentError as error:
+            error.message += did_you_mean(value, list(action.choices or ()))
+            raise
+
     def refuse(self, rest: Sequence[str]) -> NoReturn:
         """Refuse the arguments that nothing takes, with the closest option if the first of them is one."""
         first = rest[0].partition("=")[0]

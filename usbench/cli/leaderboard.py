@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import argparse
 import sys
-from functools import partial
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from usbench.checks import ConfigurationError
-from usbench.cli.arguments import LEADERBOARD, add_leaderboard_file, tell_watcher
+from usbench.cli.arguments import LEADERBOARD, add_leaderboard_file, teller
 
 if TYPE_CHECKING:
     from usbench.results.additions import Addition
@@ -69,10 +69,8 @@ def _call(args: argparse.Namespace) -> None:
     """
     if args.replace and args.add is None:
         raise ConfigurationError("--replace says what becomes of added trials: give their folder with --add.")
-    tell_watcher(
-        "reading the records, then 20 figures and tables with their intervals: up to some minutes for a "
-        "whole grid"
-    )
+    tell = teller(quiet=False)
+    tell("reading the records, then drawing 30 figures and counting intervals: minutes for a whole grid")
     from usbench.figures import comparison, tuning
     from usbench.results import leaderboard, tables
     from usbench.results.protocol import tuning as searched
@@ -81,7 +79,7 @@ def _call(args: argparse.Namespace) -> None:
     # Before anything is written: there may be no such record.
     search = None if args.search is None else searched.gather(args.search)
     if args.runs is not None:
-        path = _write_trials(args)
+        path = _write_trials(args, tell)
     elif args.add is not None:
         _add_trials(args, path)
     folder = leaderboard.files(path)
@@ -94,13 +92,12 @@ def _call(args: argparse.Namespace) -> None:
         print(written)
 
 
-def _write_trials(args: argparse.Namespace) -> Path:
+def _write_trials(args: argparse.Namespace, tell: Callable[[str], None]) -> Path:
     """Write the tables of the trials in a folder; return the leaderboard that they are of."""
     from usbench.compare import runs
     from usbench.results import leaderboard, studies
 
     known = _gathered(args.runs)
-    tell = partial(print, file=sys.stderr)
     names = known.trials["trial"]
     path = runs.place(LEADERBOARD, args.runs, names, tell, named=args.leaderboard, with_studies=True)
     folder = leaderboard.prepare(path)

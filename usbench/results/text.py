@@ -1,5 +1,6 @@
 """Numbers, names and tables as Markdown."""
 
+import re
 import textwrap
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -98,5 +99,11 @@ def folded(summary: str, body: str) -> str:
 
 
 def in_lines(command: str) -> str:
-    """Return a command over as many lines as a site shows without scrolling, for the shell to join again."""
-    return " \\\n    ".join(textwrap.wrap(command, WIDEST, break_long_words=False, break_on_hyphens=False))
+    """Return a command over as many lines as a site shows without scrolling, for the shell to join again.
+
+    An option and its first value stand on one line.
+    """
+    # textwrap takes a null for a letter.
+    together = re.sub(r"(--\S+) ", "\\1\0", command)
+    lines = textwrap.wrap(together, WIDEST, break_long_words=False, break_on_hyphens=False)
+    return " \\\n    ".join(lines).replace("\0", " ")
