@@ -2,17 +2,31 @@
 
 import importlib
 import re
+from collections.abc import Collection
 from importlib.metadata import entry_points
 
+from usbench.checks import ConfigurationError
 from usbench.words import in_one_line
 
 GROUP = "usbench.algorithms"
 _PLACE = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*")
 
 
-def registered() -> dict[str, str]:
-    """The entry points of installed packages: name of an algorithm -> "module:name"."""
-    return {point.name: point.value for point in entry_points(group=GROUP)}
+def registered(taken: Collection[str] = ()) -> dict[str, str]:
+    """The entry points of installed packages: name of an algorithm -> "module:name".
+
+    Raises:
+        ConfigurationError: a package brings a name that another one brings, or that is `taken`.
+    """
+    found: dict[str, str] = {}
+    for point in entry_points(group=GROUP):
+        if point.name in found or point.name in taken:
+            origin = f"the package {point.dist.name!r}" if point.dist else f"a package with {point.value!r}"
+            raise ConfigurationError(
+                f"{origin} brings an algorithm {point.name!r}, which exists already: uninstall one of them."
+            )
+        found[point.name] = point.value
+    return found
 
 
 def load(place: str) -> object:

@@ -81,7 +81,7 @@ def entry(algo: str) -> Entry:
     plain, network = network_apart(algo)
     if network:
         return _with_network(plain, network)
-    registered = plugins.registered()
+    registered = plugins.registered(ZOO)
     place = registered.get(algo, algo)
     if ":" in place or "/" in place or place.endswith(".py"):
         found = plugins.load(place)

@@ -40,6 +40,14 @@ def test_a_value_of_another_type_is_refused_in_one_short_sentence(make, values, 
     assert re.fullmatch(said, str(refused.value)) and len(str(refused.value)) < 200
 
 
+@pytest.mark.parametrize("make", [make_env, lambda task, **given: make_vec_env(task, 1, **given)])
+def test_an_unknown_argument_is_refused_with_those_that_there_are(make):
+    with pytest.raises(
+        ConfigurationError, match=r"unknown argument 'nois' \(did you mean 'noise'\?\).*'noise'"
+    ):
+        make("pp", nois=0.5)
+
+
 def test_senses_that_can_be_read_once_are_read_once(tmp_path):
     path = tmp_path / "image.mha"
     sitk.WriteImage(sitk.GetImageFromArray(np.full((90, 80, 80), 100, np.uint8)), str(path))

@@ -104,6 +104,11 @@ def test_the_pages_task_is_one(installed):
     assert {start.angle_deg for start in suite.guidance_of("upright", row).starts} == {45}
 
 
+def test_counts_of_a_row_are_whole_numbers():
+    row = tasks.Row(env_id="other/Upright-v0", entry_point="other_tasks:UprightEnv", n_steps=16.0)
+    assert repr(row.n_steps) == "16"
+
+
 @pytest.mark.parametrize("count", [{"checkpoints": 0}, {"n_steps": 0}, {"repeats": -1}, {"phantoms": -1}])
 def test_rows_with_counts_that_cannot_be_are_refused(count):
     (name,) = count

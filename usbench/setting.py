@@ -6,8 +6,8 @@ import contextlib
 import reprlib
 import warnings
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import gymnasium as gym
@@ -16,7 +16,7 @@ from gymnasium.vector import AutoresetMode
 
 from usbench import suite
 from usbench.anchors import Anchors
-from usbench.checks import as_configuration_error, probability, whole_number
+from usbench.checks import as_configuration_error, probability, unknown, whole_number
 from usbench.envs import oracle
 from usbench.envs.anatomy import Anatomy
 from usbench.envs.bmode import Imaging
@@ -321,6 +321,15 @@ def of_any_version() -> Iterator[None]:
         yield
 
 
+def check_arguments(given: Collection[str], others: Sequence[str] = ()) -> None:
+    """Raise ConfigurationError unless a `Setting` takes the names `given`, or they are among `others`."""
+    allowed = (*others, *(field.name for field in fields(Setting) if field.name != "task"))
+    with as_configuration_error():
+        for name in given:
+            if name not in allowed:
+                raise unknown("argument", name, allowed)
+
+
 def make_env(task: str, *, render_mode: str | None = None, **setting: Any) -> gym.Env[Any, Any]:
     """Make the environment that every algorithm sees; `setting` holds other attributes of a `Setting`.
 
@@ -328,8 +337,9 @@ def make_env(task: str, *, render_mode: str | None = None, **setting: Any) -> gy
     (grey level - 46.5) / 52.9; with senses they are dictionaries of `image` and `senses`.
 
     Raises:
-        ConfigurationError: If a value is not allowed; one sentence says which.
+        ConfigurationError: If an argument is unknown or a value not allowed; one sentence says which.
     """
+    check_arguments(setting, ("render_mode",))
     return Setting(task=task, **setting).make_env(render_mode=render_mode)
 
 
@@ -344,10 +354,12 @@ def make_vec_env(
     """Make `num_envs` environments of `make_env` in step; arguments are those of `Setting.make_vec_env`.
 
     Raises:
-        ConfigurationError: If a value of the setting is not allowed; one sentence says which.
+        ConfigurationError: If an argument is unknown, or a value of the setting not allowed; one sentence
+            says which.
         TypeError: If another argument has a wrong type.
         ValueError: If another value is not allowed.
     """
+    check_arguments(setting, ("autoreset_mode", "render_mode"))
     return Setting(task=task, **setting).make_vec_env(
         num_envs, autoreset_mode=autoreset_mode, render_mode=render_mode
     )

@@ -51,11 +51,10 @@ class Row:
     silent: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Refuse counts that there cannot be."""
-        for name in ("n_steps", "steps", "checkpoints", "repeats"):
-            whole_number(name, getattr(self, name), 1)
-        for name in ("drawn_starts", "phantoms"):
-            whole_number(name, getattr(self, name), 0)
+        """Refuse counts that there cannot be, and keep the others as whole numbers."""
+        least = dict.fromkeys(("n_steps", "steps", "checkpoints", "repeats"), 1)
+        for name, low in (least | {"drawn_starts": 0, "phantoms": 0}).items():
+            object.__setattr__(self, name, whole_number(name, getattr(self, name), low))
 
 
 BUILT_IN: Mapping[str, Row] = MappingProxyType(

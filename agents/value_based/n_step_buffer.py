@@ -30,11 +30,14 @@ class NStepFrameBuffer(FrameReplayBuffer, NStepReplayBuffer):
 
     def put_back(self, state: dict[str, Any]) -> None:
         """Fills the new, empty buffer with what `state` gave."""
+        frames = state["frames"]
         if state["levels"] is None:
             self._frames.keep_values()
         else:
-            self._frames.levels = np.array(state["levels"])
-        super().put_back({**state, "frames": self._frames.values(state["frames"])})
+            levels = self._frames.levels = np.array(state["levels"])
+            # One by one: together they take four times the memory of their bytes.
+            frames = (levels[codes] for codes in frames)
+        super().put_back({**state, "frames": frames})
 
     def _store(self, image: spaces.Box) -> "GreyFrames":
         return GreyFrames(image)

@@ -204,14 +204,18 @@ def test_an_error_that_says_too_little_is_told_with_its_kind(capsys, monkeypatch
     assert capsys.readouterr().err == f"usbench: error: {said}\n"
 
 
-def test_interruption_is_status_130_and_keeps_the_state(capsys, tmp_path, quick, monkeypatch):
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [([], "the same command goes on"), (["--overwrite"], "the same command without --overwrite goes on")],
+)
+def test_interruption_is_status_130_and_keeps_the_state(capsys, tmp_path, quick, monkeypatch, options, said):
     def interrupt(*_):
         os.kill(os.getpid(), signal.SIGTERM)
         time.sleep(5)
 
     monkeypatch.setattr(runner, "Evaluator", interrupt)
-    assert cli.main([*RUN, "--quiet", "--out", str(tmp_path)]) == 130
-    assert "interrupted" in capsys.readouterr().err
+    assert cli.main([*RUN, "--quiet", "--out", str(tmp_path), *options]) == 130
+    assert said in capsys.readouterr().err
     (folder,) = records.trial_folders(tmp_path)
     assert read_state(folder)["status"] == "interrupted"
 

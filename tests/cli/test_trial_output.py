@@ -1,6 +1,8 @@
 """What stands in the terminal when a trial has ended."""
 
 import dataclasses
+import errno
+import io
 import json
 import re
 import shlex
@@ -106,6 +108,24 @@ def test_a_line_in_a_pipe_says_how_long_the_training_goes_on(monkeypatch, capsys
     first, second, last = capsys.readouterr().err.splitlines()
     assert first.endswith("score 0.05") and last.endswith("score 0.90")
     assert second.endswith("score 0.20, about 4 min to go")
+
+
+@pytest.mark.parametrize("error", [OSError(errno.EIO, "gone"), BrokenPipeError(errno.EPIPE, "gone")])
+def test_a_terminal_that_is_closed_ends_no_training(monkeypatch, error):
+    class Closed(io.StringIO):
+        def isatty(self):
+            return True
+
+        def write(self, _):
+            raise error
+
+    monkeypatch.setattr(sys, "stderr", Closed())
+    bars = trial_bars.Bars()
+    bars.frames(1, 2)
+    bars.training(16, 1016, -19.0, 0.1)
+    bars.evaluated(16, -18.0, 0.2)
+    bars.stopping()
+    bars.close()
 
 
 def test_how_long_it_will_take_stands_before_the_training(quick, tmp_path, capsys):

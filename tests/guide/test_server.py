@@ -5,11 +5,13 @@ import gc
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
 import time
 import urllib.error
+import urllib.parse
 import urllib.request
 from pathlib import Path
 from urllib.request import url2pathname
@@ -184,6 +186,19 @@ def test_long_bodies_are_refused(url):
         status, answer = ask(url + "act", b'{"action": 4}'.ljust(length))
         assert (status, json.loads(answer)["error"]) == (413, "the body must have at most 4096 bytes.")
     assert settled(url)["step"] == 1
+
+
+def test_a_sender_that_goes_away_is_refused_without_a_traceback(url, capfd):
+    address = urllib.parse.urlsplit(url)
+    head = (
+        f"POST /act HTTP/1.1\r\nHost: {address.netloc}\r\nAuthorization: token {TOKEN}\r\n"
+        "Content-Type: application/json\r\nContent-Length: 100\r\n\r\n{"
+    )
+    with socket.create_connection((address.hostname, address.port)) as sender:
+        sender.sendall(head.encode())
+    assert settled(url)["step"] == 0  # asked afterwards
+    time.sleep(0.2)
+    assert "Traceback" not in capfd.readouterr().err
 
 
 def test_tokens_are_long_and_differ():

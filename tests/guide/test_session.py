@@ -243,6 +243,13 @@ def test_broken_trials_are_left_out(finished):
     assert trial.score == pytest.approx(last["normalized_score"].mean())
 
 
+def test_an_agent_whose_last_line_was_torn_is_known(finished):
+    (whole,) = agents.find(finished.parent)
+    with (finished / records.EVALUATIONS).open("a") as file:
+        file.write('{"episode": 12, "ret')
+    assert agents.find(finished.parent) == [whole]
+
+
 @pytest.mark.parametrize("value", ["1e999", "-Infinity", "NaN"])
 def test_a_return_that_is_no_number_makes_no_best_agent(finished, value):
     path = finished / records.EVALUATIONS
@@ -357,6 +364,12 @@ def test_training_that_leaves_no_model_changes_nothing(session, finished, monkey
 def test_training_that_fails_says_why(session, monkeypatch):
     fail = "import sys; sys.exit('usbench: error: no space is left.')"
     monkeypatch.setattr(guide_training, "USBENCH", [sys.executable, "-c", fail])
+    training = wait_for_training(session)
+    assert (training["status"], training["reason"]) == ("failed", "no space is left.")
+    # What lies there is damaged, so that no progress can be read.
+    folder = session.training.progress.folder
+    folder.mkdir()
+    (folder / records.TRIAL).write_text("{")
     training = wait_for_training(session)
     assert (training["status"], training["reason"]) == ("failed", "no space is left.")
     assert session.advisers.name == ORACLE

@@ -24,6 +24,10 @@ def _drawn_frames(quick, monkeypatch):
     monkeypatch.setattr(study, "EPISODES", 2)
 
 
+def raise_(error):
+    raise error
+
+
 def play(session, *, obedient=True):
     """Play the rest of a study: with advice as advised, otherwise without a move."""
     while session.study.now is not None:
@@ -84,6 +88,30 @@ def test_rows_are_those_of_evaluations_and_tell_advice_obedience_and_seconds(fin
             own = loaded[row["eval_episode"]].as_row() | {"episode": row["episode"]}
             assert {key: row[key] for key in own} == json.loads(json.dumps(own))
     evaluator.close()
+
+
+def test_a_persons_episode_is_kept_though_the_guide_ends_while_the_agent_plays(tmp_path, monkeypatch):
+    session = Session(tmp_path, study="anna")
+    with monkeypatch.context() as patch:
+        patch.setattr(study.Study, "_played", lambda *_: raise_(KeyboardInterrupt()))
+        with pytest.raises(KeyboardInterrupt):
+            play(session)
+    session.close()
+    (row,) = read_rows(session.study.folder / records.EVALUATIONS)
+    assert row["player"] in ("human", "human + advice")
+    session = Session(tmp_path, study="anna")
+    rows = read_rows(session.study.folder / records.EVALUATIONS)
+    assert [(one["episode"], one["player"]) for one in rows[1:]] == [(0, "agent"), (0, "optimum")]
+    assert session.study.n_done == 1
+
+
+@pytest.mark.parametrize("line", ['{"episode": 0}\n', "{\n", "[]\n"])
+def test_a_damaged_record_of_a_study_is_refused_by_its_name(tmp_path, line):
+    session = Session(tmp_path, study="anna")
+    session.close()
+    (session.study.folder / records.EVALUATIONS).write_text(line)
+    with pytest.raises(ConfigurationError, match="anna.* is not the record of a study"):
+        Session(tmp_path, study="anna")
 
 
 def test_study_goes_on_where_it_ended_and_torn_lines_do_no_harm(tmp_path):

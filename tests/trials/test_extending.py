@@ -72,6 +72,17 @@ def test_a_class_without_stable_baselines_is_a_trial_like_any_other(here):
     assert len(records.load(folder, "episodes")) == 64 // 16
 
 
+def test_an_algorithm_that_ends_the_program_fails_its_trial_and_no_other(here, monkeypatch):
+    monkeypatch.syspath_prepend(here)
+    with (here / "mine.py").open("a") as file:
+        file.write("\n\nclass Ending(Counter):\n    def learn(self, *_, **__):\n        sys.exit('enough')\n")
+        file.write("\nimport sys\n")
+    with pytest.raises(records.TrialError, match="failed: SystemExit: enough"):
+        run_trial(resolve("mine:Ending", "pp", steps=16), here / "runs")
+    state = read_state(the_trial(here))
+    assert (state["status"], state["reason"]) == ("failed", "SystemExit: enough")
+
+
 def test_starts_and_noise_are_those_of_other_algorithms(here):
     for algo in ("mine:Counter", "a2c"):
         assert cli.main(["run", "--algo", algo, *SHORT, "--out", algo[:4]]) == 0
@@ -184,6 +195,15 @@ def test_entry_point_gives_a_plain_name(here, monkeypatch, capsys):
     assert "-counter-s0-" in the_trial(here).name
     assert cli.main(["run", "--algo", "countr", *SHORT]) == 2
     assert "'counter'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("names", [("dqn",), ("counter", "counter")])
+def test_a_name_that_exists_already_is_refused(monkeypatch, capsys, names):
+    points = [EntryPoint(name, f"mine{number}:Counter", plugins.GROUP) for number, name in enumerate(names)]
+    monkeypatch.setattr(plugins, "entry_points", lambda group: points if group == plugins.GROUP else [])
+    assert cli.main(["list"]) == 2
+    shown = capsys.readouterr().err
+    assert f"a package with {points[-1].value!r} brings an algorithm {names[0]!r}, which exists" in shown
 
 
 SAVING = """

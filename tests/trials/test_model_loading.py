@@ -226,6 +226,13 @@ def test_weights_that_are_not_finite_are_refused(finished, value):
     assert "not finite" in refusal(finished)
 
 
+def test_weights_that_are_not_kept_number_by_number_are_refused(finished):
+    tensors = weights(finished / records.MODEL)
+    tensors["action_net.bias"] = tensors["action_net.bias"].to_sparse()
+    rewrite(finished / records.MODEL, {model_loading.WEIGHTS: saved(tensors)})
+    assert "cannot be used" in (told := refusal(finished)) and "\n" not in told
+
+
 @pytest.mark.parametrize("inner", [False, True])
 def test_archive_that_unpacks_to_fill_the_memory_is_refused_unread(finished, inner):
     zeros = bytes(100_000_000)

@@ -1,10 +1,13 @@
 """Damaged checkpoints and records: passed over, or refused in one sentence; never gone on from."""
 
+import gc
 import hashlib
 import io
 import shutil
+import weakref
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 import trials
@@ -114,6 +117,27 @@ def test_lines_after_the_checkpoint_are_taken_away(undisturbed, killed):
         file.write(b'{"episode": 99}\n{"torn')
     go_on(killed)
     assert trials.bits(killed) == trials.bits(undisturbed("vpg"))
+
+
+def test_nothing_that_a_checkpoint_holds_is_kept_while_the_training_goes_on(killed, monkeypatch):
+    read, held, alive = resume_files._read, [], []
+
+    def noted(path):
+        content = read(path)
+        content["noted"] = np.zeros(1)  # as a replay buffer's frames
+        held.append(weakref.ref(content["noted"]))
+        return content
+
+    def learn(self, *args):
+        gc.collect()
+        alive.append(held[0]() is not None)
+        return train(self, *args)
+
+    train = learning.Learning.learn
+    monkeypatch.setattr(resume_files, "_read", noted)
+    monkeypatch.setattr(learning.Learning, "learn", learn)
+    assert go_on(killed)
+    assert alive == [False]
 
 
 def test_checkpoint_of_other_circumstances_is_not_gone_on_from(killed, caplog, monkeypatch):

@@ -140,10 +140,8 @@ def _trial(named: Path, task: str | None) -> Trial:
     folder = released.place(named)
     if not folder.is_dir():
         raise no_trial(named)
-    try:
+    with as_configuration_error():
         trial = Trial.read(folder)
-    except ValueError as error:
-        raise ConfigurationError(str(error)) from error
     guided.check_shown(str(named), trial.config.task)
     guided.check_code(str(named), trial.config.algo)
     if task is not None:

@@ -56,7 +56,7 @@ def _everything() -> list[Table]:
     )
     for name, entry in ZOO.items():
         algorithms.add_row(name, entry.title)
-    for name, place in registered().items():
+    for name, place in registered(ZOO).items():
         algorithms.add_row(name, f"from {place}")
     probes = _table("probes, for --probe: usbench defaults PROBE shows the fields", "probe", "what it is")
     for name, title in toml_files.presets().items():
@@ -87,7 +87,7 @@ def _one(name: str) -> Table:
         raise ConfigurationError(
             f"{name!r} is neither algorithm nor task but a probe: usbench defaults {name} shows its fields."
         )
-    known = [*zoo.ZOO, *plugins.registered()]
+    known = [*zoo.ZOO, *plugins.registered(zoo.ZOO)]
     if name not in known and ":" not in name and not network_apart(name)[1]:
         raise ConfigurationError(str(unknown("algorithm or task", name, [*known, *suite.TASKS])))
     return _algorithm(name)

@@ -107,6 +107,8 @@ def _call(args: argparse.Namespace) -> None:
     """Train and evaluate one agent on one task."""
     from usbench.trials.configuration import resolve
 
+    if args.overwrite:
+        args.interrupted = GOES_ON.replace("the same command", "the same command without --overwrite")
     examined = {"anatomy": custom_anatomy(args.phantom), **probe_and_imaging(args)}
     config = resolve(
         args.algo,

@@ -10,7 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 
 MAX_BODY_BYTES = 4096
 REDIRECTION = """<!doctype html>
@@ -62,10 +62,13 @@ async def body(request: Request) -> dict[str, Any]:
     if request.headers.get("content-type") != "application/json":
         raise Refused(415, "the body must be application/json.")
     received = b""
-    async for part in request.stream():
-        received += part
-        if len(received) > MAX_BODY_BYTES:
-            raise Refused(413, f"the body must have at most {MAX_BODY_BYTES} bytes.")
+    try:
+        async for part in request.stream():
+            received += part
+            if len(received) > MAX_BODY_BYTES:
+                raise Refused(413, f"the body must have at most {MAX_BODY_BYTES} bytes.")
+    except ClientDisconnect:
+        raise Refused(400, "the body is not whole: the sender went away.") from None
     try:
         read = json.loads(received)
     except (ValueError, RecursionError):  # no JSON, or lists within lists without end

@@ -178,7 +178,8 @@ def _score(trial: Trial) -> float | None:
     Only its lines are parsed: `Trial.last_evaluation` takes 49 ms for a trial of the benchmark, 10 s for 200.
     """
     path = trial.folder / records.EVALUATIONS
-    lines = path.read_bytes().splitlines() if path.is_file() else []
+    # A crash may have torn the last line.
+    lines = path.read_bytes().rpartition(b"\n")[0].splitlines() if path.is_file() else []
     # Greedy actions come last at every evaluation point.
     rows = [json.loads(line) for line in lines[-trial.n_evaluation_episodes :]]
     if not rows or not all(row["deterministic"] for row in rows):

@@ -161,6 +161,7 @@ def serve(make: Callable[[Tell], Session], listener: socket.socket, *, browser: 
     # Without a screen, Python would start a browser in this terminal.
     on_screen = sys.platform != "linux" or bool({"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys())
     with contextlib.ExitStack() as held:
+        held.callback(desk.close)
         desk.start(make, failed=lambda: setattr(running, "should_exit", True))
         if browser and on_screen:
             folder = held.enter_context(private_folder())

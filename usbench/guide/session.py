@@ -75,6 +75,8 @@ class Session:
         if study is not None and self.advisers.opened is None:
             raise ConfigurationError(self.advisers.message)
         self.study = None if study is None else Study(runs, study, self.setting, self.advisers.name)
+        if self.study is not None and self.advisers.opened is not None:
+            self.study.complete(self.advisers.opened)
         self._begin()
 
     def begin(self) -> None:

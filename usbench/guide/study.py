@@ -19,11 +19,12 @@ from usbench.checks import as_configuration_error, check_plain_name
 from usbench.guide.examination import Examination, Opened
 from usbench.guide.study_record import has_begun
 from usbench.records import EVALUATIONS, ConfigurationError, Evaluation, unwritable
-from usbench.records.journal import append_all, cut_torn_line, read_rows
+from usbench.records.journal import UNREADABLE, append_all, cut_torn_line, read_rows
 from usbench.records.lock import lock_of
 from usbench.results.studies import ADVISED, AGENT, HUMAN, OPTIMUM, STUDY, folder_of
 from usbench.setting import Setting
 from usbench.suite import EvaluationEpisode
+from usbench.words import in_one_line
 
 EPISODES = 8
 
@@ -60,7 +61,7 @@ class Study:
 
         Raises:
             ConfigurationError: If `name` cannot be that of a folder, the study has begun otherwise, or
-                another guide plays it.
+                another guide plays it, or its record is damaged.
         """
         with as_configuration_error():
             self.name, self.setting = check_plain_name("the name of a study", name), setting
@@ -80,11 +81,11 @@ class Study:
             raise unwritable(self.folder, error) from error
         try:
             self._begin(runs, record)
+            cut_torn_line(self.folder / EVALUATIONS)
+            self.n_done = sum(player in (HUMAN, ADVISED) for _, player in self._recorded())
         except BaseException:
             self.close()
             raise
-        cut_torn_line(self.folder / EVALUATIONS)
-        self.n_done = sum(row["player"] in (HUMAN, ADVISED) for row in read_rows(self.folder / EVALUATIONS))
         self._steps: list[tuple[int | None, bool, float | None]] = []
         # When the person could see what is to be done; nobody knows when the page was opened.
         self._since: float | None = None
@@ -120,16 +121,31 @@ class Study:
         self._since = now
 
     def finish(self, examination: Examination, agent: Opened) -> None:
-        """Record an episode that is over, and once for each episode what agent and optimum do in it."""
+        """Record an episode that is over, then what agent and optimum do in it."""
         play = self.plays[self.n_done]
         advised, obeyed, seconds = (list(column) for column in zip(*self._steps, strict=True))
         noted = {"advice": advised, "obeyed": obeyed, "seconds": seconds}
-        rows = [self._row(play, examination, ADVISED if play.advised else HUMAN) | noted]
-        if self.n_done < len(self.plays) // 2:
-            for player, opened in ((AGENT, agent), (OPTIMUM, None)):
-                rows.append(self._row(play, self._played(play, opened), player))
-        append_all(self.folder / EVALUATIONS, rows)
+        # First, and by itself: a person cannot play an episode for the first time again.
+        self._append(self.n_done, examination, ADVISED if play.advised else HUMAN, **noted)
         self.n_done += 1
+        self.complete(agent)
+
+    def complete(self, agent: Opened) -> None:
+        """Record what agent and optimum do in the episodes that are done, where that is missing."""
+        known = self._recorded()
+        for number, play in enumerate(self.plays[: min(self.n_done, len(self.plays) // 2)]):
+            for player, opened in ((AGENT, agent), (OPTIMUM, None)):
+                if (number, player) not in known:
+                    self._append(number, self._played(play, opened), player)
+
+    def _recorded(self) -> list[tuple[int, str]]:
+        """Return number of the play and player of every row; ConfigurationError if a row is damaged."""
+        try:
+            return [(row["episode"], row["player"]) for row in read_rows(self.folder / EVALUATIONS)]
+        except (*UNREADABLE, KeyError, TypeError) as error:
+            raise ConfigurationError(
+                f"{str(self.folder)!r} is not the record of a study: {in_one_line(error, with_type=True)}."
+            ) from error
 
     def _played(self, play: Play, agent: Opened | None) -> Examination:
         """Return the episode as an agent plays it, by default the optimum."""
@@ -142,16 +158,17 @@ class Study:
             examination.follow()
         return examination
 
-    def _row(self, play: Play, examination: Examination, player: str) -> dict[str, Any]:
+    def _append(self, number: int, examination: Examination, player: str, **noted: object) -> None:
+        """Add a row to the record, with what is `noted` of it beside its evaluation."""
         line = Evaluation(
-            episode=self.n_done,
-            eval_episode=play.episode.number,
+            episode=number,
+            eval_episode=self.plays[number].episode.number,
             step=0,
             checkpoint=0,
             deterministic=True,
             **examination.facts,
         )
-        return line.as_row() | {"player": player}
+        append_all(self.folder / EVALUATIONS, [line.as_row() | {"player": player, **noted}])
 
     def _begin(self, runs: Path, record: dict[str, Any]) -> None:
         """Write the record of the study, unless it has begun."""

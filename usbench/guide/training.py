@@ -9,7 +9,7 @@ from typing import Literal
 
 from usbench import records
 from usbench.records import ConfigurationError, Trial
-from usbench.records.journal import read_rows
+from usbench.records.journal import UNREADABLE, read_rows
 from usbench.setting import Setting
 from usbench.trials.configuration import resolve
 
@@ -86,9 +86,12 @@ class QuickTraining:
         if now.status != "running" or now.folder is None or self._process is None:
             return
         ended = self._process.poll() is not None
-        rows = read_rows(now.folder / records.EPISODES)
-        trial = Trial.find(now.folder)
-        now = replace(now, step=int(rows[-1]["step"]) if rows else 0)
+        try:
+            rows = read_rows(now.folder / records.EPISODES)
+            trial = Trial.find(now.folder)
+            now = replace(now, step=int(rows[-1]["step"]) if rows else 0)
+        except (*UNREADABLE, KeyError, TypeError):  # damaged before, of which the process will tell
+            trial = None
         # Not when the process ends: before that it draws figures of the trial.
         if trial is not None and trial.status == "finished":
             now = replace(now, status="finished")

@@ -104,7 +104,7 @@ def _recorded(folder: Path, algo: str | None, task: str | None) -> TrialConfig:
         for what, own, asked in (("algorithm", config.algo, algo), ("task", config.task, task)):
             if asked not in (None, own):
                 raise ConfigurationError(f"{path} records the {what} {own!r}, not {asked!r}.")
-        foreign = config.algo not in zoo.ZOO and config.algo not in plugins.registered()
+        foreign = config.algo not in zoo.ZOO and config.algo not in plugins.registered(zoo.ZOO)
         if foreign and ":" in config.algo and algo is None:
             raise ConfigurationError(
                 f"{path} names an algorithm outside this package, {config.algo!r}, whose code would run: "
@@ -152,7 +152,10 @@ def _load_weights(agent: BaseAlgorithm, file: Path, config: TrialConfig) -> None
         raise ConfigurationError(
             f"the model in {str(file)!r} does not fit {config.algo} on {config.task}: {misfit}."
         )
-    agent.policy.load_state_dict(tensors)
+    try:
+        agent.policy.load_state_dict(tensors)
+    except Exception as error:  # of numbers that are not kept one by one, as sparse ones
+        raise ConfigurationError(f"the model in {str(file)!r} cannot be used ({_words(error)}).") from error
     if not all(bool(torch.isfinite(tensor).all()) for tensor in agent.policy.state_dict().values()):
         raise ConfigurationError(f"the model in {str(file)!r} has weights that are not finite numbers.")
     agent.policy.set_training_mode(False)

@@ -171,7 +171,7 @@ class _Run:
         except KeyboardInterrupt:
             self._give_up("interrupted", "stopped by the user")
             raise
-        except Exception as error:
+        except (Exception, SystemExit) as error:  # an algorithm of another package may end the program
             # An algorithm that meets such weights first lists them all.
             reason = records.DIVERGED if has_diverged(self.agent) else in_one_line(error, with_type=True)
             self._give_up("failed", reason)
@@ -217,21 +217,30 @@ class _Run:
     def _train_and_evaluate(self, goes_on: bool) -> None:
         """Train for exactly the budget; every episode and every evaluation is recorded."""
         self.evaluator = Evaluator(self.setting, self.episodes)
-        for path, content in self.resume_files.read() if goes_on else ():
-            with contextlib.closing(self._learning()) as learning:
+        learning = self._resumed() if goes_on else None
+        if learning is None and goes_on:
+            self._open_folder(goes_on=False, before=Trial.find(self.folder))
+            self._write()
+        with contextlib.closing(learning or self._learning()) as learning:
+            self._learn(learning)
+
+    def _resumed(self) -> Learning | None:
+        """Return what goes on from the newest resume file that is of use, None if there is none.
+
+        No content of a file, which holds a replay buffer, outlives this: its memory is needed.
+        """
+        for path, content in self.resume_files.read():
+            with contextlib.ExitStack() as unless_it_goes_on:
+                learning = unless_it_goes_on.enter_context(contextlib.closing(self._learning()))
                 try:
                     learning.put_back(content)
                 except Exception as error:  # whatever a stranger's file says
                     log.warning("resume file %s is passed over: %s", path, in_one_line(error))
                     continue
                 self.resume_files.go_on_from(path)
-                self._learn(learning)
-                return
-        if goes_on:
-            self._open_folder(goes_on=False, before=Trial.find(self.folder))
-            self._write()
-        with contextlib.closing(self._learning()) as learning:
-            self._learn(learning)
+                unless_it_goes_on.pop_all()
+                return learning
+        return None
 
     def _learning(self) -> Learning:
         return Learning(

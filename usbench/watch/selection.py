@@ -8,6 +8,7 @@ from typing import Any
 from PIL import Image
 
 from usbench import released
+from usbench.checks import as_configuration_error
 from usbench.figures import style
 from usbench.records import ConfigurationError, Trial
 from usbench.setting import Setting
@@ -65,11 +66,9 @@ def choose(folder: Path, numbers: Sequence[Any] = (), *, sampled: bool = False) 
         ConfigurationError: If `folder` is no trial with evaluations, or has no such episode.
     """
     folder = released.place(folder)
-    try:
+    with as_configuration_error():
         trial = Trial.read(folder)
         evaluation = trial.last_evaluation(deterministic=not sampled)
-    except ValueError as error:
-        raise ConfigurationError(str(error)) from error
     by_number = {row["eval_episode"]: row for row in evaluation.to_dict("records")}
     for number in numbers:
         if number not in by_number:

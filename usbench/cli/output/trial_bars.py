@@ -1,7 +1,9 @@
 """What a person sees of one trial while it runs."""
 
+import contextlib
 import sys
 import time
+from typing import IO, Any, cast
 
 from rich.console import Console
 from rich.progress import (
@@ -20,12 +22,14 @@ from usbench.waiting import duration
 class Bars:
     """Progress on stderr: bars in a terminal, a line now and then in a file or a pipe.
 
-    A `usbench.trials.callback.Progress`.
+    A `usbench.trials.callback.Progress`. Where nobody can read it any more, as when the terminal is closed,
+    the training goes on, and ends as it would have ended.
     """
 
     def __init__(self) -> None:
         """Draw nothing yet."""
-        self._console = Console(stderr=True, highlight=False, soft_wrap=True)
+        stream = cast(IO[str], _PerhapsUnread(sys.stderr))
+        self._console = Console(file=stream, highlight=False, soft_wrap=True)
         self._bars = Progress(
             TextColumn("{task.description}"),
             BarColumn(),
@@ -97,3 +101,22 @@ class Bars:
 
     def _say(self, line: str) -> None:
         self._console.print(line, markup=False)
+
+
+class _PerhapsUnread:
+    """A stream to which writing is no error, though nothing may take it any more."""
+
+    def __init__(self, stream: IO[str]) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        with contextlib.suppress(OSError):
+            self._stream.write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        with contextlib.suppress(OSError):
+            self._stream.flush()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
