@@ -16,7 +16,7 @@ from usbench.ceilings import ceiling
 from usbench.compare import plan, protocol, sweep
 from usbench.envs.bmode import Imaging
 from usbench.envs.probe import LinearArray
-from usbench.results import collecting, held_out, scores, sources, tables
+from usbench.results import collecting, held_out, scores, sources, studies, tables
 from usbench.trials import runner
 from usbench.trials.configuration import resolve
 
@@ -210,6 +210,17 @@ def test_leaderboard_of_a_folder_without_trials_is_refused_and_overwrites_nothin
     error = capsys.readouterr().err
     assert "there is no trial in 'empty'" in error and error.count("\n") == 1
     assert contents(here) == {here / "leaderboard.md": b"mine"}
+
+
+@pytest.mark.parametrize("option", ["--runs", "--add"])
+def test_a_damaged_study_is_refused_before_anything_is_written(here, no_figures, capsys, option):
+    runner.run_trial(resolve("stay", "pp"), Path("runs"))
+    study = studies.folder_of(Path("runs"), "anna")
+    study.mkdir()
+    (study / studies.STUDY).write_text('{"study": "anna"}')
+    assert cli.main(["leaderboard", option, "runs", "--leaderboard", "mine.md"]) == 2
+    assert "is not the record of a study" in capsys.readouterr().err
+    assert not list(Path().glob("mine*"))
 
 
 @pytest.mark.parametrize(

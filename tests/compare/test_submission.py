@@ -387,6 +387,18 @@ def test_what_is_added_without_being_verified_is_marked(runs, capsys, monkeypatc
     assert "not verified" not in Path("leaderboard.md").read_text()
 
 
+@pytest.mark.parametrize(("options", "left"), [([], 1), (["--replace"], 0)])
+def test_a_mark_goes_with_the_whole_trial_though_its_scores_are_the_same(runs, monkeypatch, options, left):
+    """The recorded actions were damaged, of which no score tells."""
+    monkeypatch.setattr("usbench.figures.comparison.write", lambda *_: [])
+    known = collecting.collect(runs)
+    folder, name = leaderboard.prepare(Path("leaderboard.md")), known.trials["trial"].iloc[0]
+    tables.write(known, folder)
+    additions.mark_unverified(folder, [name], [name])
+    assert cli.main(["leaderboard", "--add", "mine", *options]) == 0
+    assert additions.unverified(folder) == [name][:left]
+
+
 def test_where_there_is_no_trial_one_sentence_says_so(tmp_path):
     with pytest.raises(ConfigurationError, match="there is no trial in"):
         submission.check(tmp_path)

@@ -1,12 +1,14 @@
 """The page of a set of trials: complete, closed to the outside, the same bytes again."""
 
 import base64
+import collections
 import io
 import re
 import shutil
 from html.parser import HTMLParser
 from xml.etree import ElementTree
 
+import markupsafe
 import pytest
 from PIL import Image
 from state_files import read_state, write_state
@@ -131,6 +133,13 @@ def test_a_further_table_has_its_sections_and_figures(runs, trial_on, tmp_path, 
     of_table = "Further table unseen-phantoms: Normalised score of every agent"
     assert any(caption.startswith(of_table) for caption in captions) == beside_the_grid
     assert any(caption.startswith("Normalised score of every agent") for caption in captions)
+
+
+def test_every_part_of_the_leaderboard_is_in_the_page(runs, without_figures, tmp_path, monkeypatch):
+    parts = {name: markupsafe.Markup(f"<p>{name}</p>") for name in ("Stability of ranks", "pp together")}
+    monkeypatch.setattr(text, "sections", lambda *_: collections.defaultdict(markupsafe.Markup, parts))
+    page = made(runs, tmp_path)
+    assert all(f"<h3>{name}</h3>\n<p>{name}</p>" in page for name in parts)
 
 
 def test_without_weights_there_is_a_sentence_instead_of_a_map(runs, without_figures, tmp_path):

@@ -25,6 +25,7 @@ def draw(known, folder, kinds=KINDS):
     ("trials", "words"),
     [
         (PAPERS, ["the paper's tasks"]),
+        (PAPERS[:2], ["fp"]),
         (OTHERS, ["exam and setup"]),
         (PAPERS + OTHERS, ["the paper's tasks", "exam and setup"]),
         (UNSEEN, ["pp-random and pp-tracked"]),
@@ -33,7 +34,16 @@ def draw(known, folder, kinds=KINDS):
         # A reference policy learns on no task.
         ([*PAPERS, trial("oracle", 1.0, task="exam")], ["the paper's tasks"]),
     ],
-    ids=["paper", "others", "both", "unseen alone", "grid and unseen", "references", "reference elsewhere"],
+    ids=[
+        "paper",
+        "one of the paper's",
+        "others",
+        "both",
+        "unseen alone",
+        "grid and unseen",
+        "references",
+        "reference elsewhere",
+    ],
 )
 def test_words_follow_the_tasks_of_the_trials(trials, words, tmp_path):
     known = made(*trials)

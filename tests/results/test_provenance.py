@@ -194,7 +194,7 @@ def test_different_versions_and_frames_are_said():
         trial("vpg", seed=103, versions="numpy 2.0, torch 2.4", frames="def"),
         trial("vpg", task="pp", seed=103, frames="other task"),
     ]
-    *found, why = notes(*trials)
+    *found, why = provenance.origins(made(*trials).trials)
     assert found == [
         "Versions of torch differ between trials: 2.5 in 4, 2.4 in 1 (`fp-p0-vpg-s103`).",
         "Frames of fp differ between trials: 2 kinds, in 3 + 1 trials (`frames` in `trials.csv`).",
@@ -206,7 +206,7 @@ def test_version_that_only_some_recorded_is_said():
     trials = [*seeds("vpg", [0.5] * 2), trial("vpg", seed=102, versions="")]
     assert (
         "Versions of torch differ between trials: 2.5 in 2, not recorded in 1 (`fp-p0-vpg-s102`)."
-        in notes(*trials)
+        in provenance.origins(made(*trials).trials)
     )
 
 
@@ -216,3 +216,16 @@ def test_seeds_that_are_not_kept_for_comparisons_are_said():
         "These seeds are not kept for comparisons, as 100 to 999 are, so that settings may have been chosen "
         "on them: 0, 1000."
     ]
+
+
+def test_noise_stands_in_a_command_with_all_its_digits():
+    (command,) = provenance.commands(made(usual(noise=1 / 3)).trials)
+    assert float(command.split("--noise ")[1].split()[0]) == 1 / 3
+
+
+@pytest.mark.parametrize(("seed", "planned"), [(100, True), (103, False)])
+def test_the_comparison_of_a_table_is_named_where_it_makes_the_trials(seed, planned):
+    """The table long has three seeds, and four times the budget."""
+    told = provenance.making(made(usual(steps=64_256, seed=seed)).trials)
+    assert ("usbench compare --table long" in told) == planned
+    assert (f"usbench run --algo vpg --task fp --steps 64256 --seed {seed}" in told) != planned

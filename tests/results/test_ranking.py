@@ -82,6 +82,19 @@ def test_corrected_intervals_are_wider():
     assert (pairs["sure_low"] < pairs["low"]).all() and (pairs["sure_high"] > pairs["high"]).all()
 
 
+def test_what_is_sure_does_not_depend_on_agents_with_few_seeds():
+    generator = np.random.default_rng(0)
+    two = {name: generator.normal(mean, 1, size=(6, 1)) for name, mean in (("a", 0), ("b", 1.5))}
+    few = {str(number): generator.normal(size=(2, 1)) for number in range(6)}
+    assert ranking.sure_level(map(len, (two | few).values())) == ranking.corrected_level(2)
+    assert ranking.sure_level([2, 2, 2]) == ranking.corrected_level(3)  # none of them is sure
+    both = [
+        ranking.improvement(agents).set_index(["agent", "other"]).loc[("b", "a")]
+        for agents in (two, two | few)
+    ]
+    pd.testing.assert_series_equal(*both)
+
+
 def test_lies_above_by_one_rule():
     middle = np.array([[0.05], [0.25], [0.35], [0.45], [0.55]])
     pairs = ranking.improvement({"low": np.array(LOW), "middle": middle, "high": np.array(HIGH)})

@@ -1,7 +1,9 @@
 """The table of studies: whole after every writing, whatever studies are called."""
 
 import pandas as pd
+import pytest
 
+from usbench.checks import ConfigurationError
 from usbench.results import studies
 
 
@@ -22,6 +24,14 @@ def test_added_studies_stand_beside_those_that_are_there(tmp_path):
     known = studies.read(tmp_path)
     assert dict(known.groupby("study")["score"].max()) == {"anna": 0.7, "bob": 0.5}
     assert len(known) == 2 * len(studies.PLAYERS)
+
+
+@pytest.mark.parametrize(("what", "value"), [("task", "fp"), ("noise", 0.5), ("agent", "oracle")])
+def test_another_study_of_the_same_name_is_refused_unless_it_is_to_replace_it(what, value):
+    other = of("anna", 0.7).assign(**{what: value})
+    with pytest.raises(ConfigurationError, match="the tables have another study 'anna', of pp.*--replace"):
+        studies.add(of("anna"), other)
+    pd.testing.assert_frame_equal(studies.add(of("anna"), other, replace=True), other)
 
 
 def test_without_a_study_nothing_of_others_stays(tmp_path):

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable
+from collections.abc import Collection
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from usbench.checks import ConfigurationError
-from usbench.cli.arguments import LEADERBOARD, add_leaderboard_file, teller
+from usbench.cli.arguments import LEADERBOARD, add_leaderboard_file, tell_watcher
 
 if TYPE_CHECKING:
     from usbench.results.additions import Addition
@@ -69,8 +70,9 @@ def _call(args: argparse.Namespace) -> None:
     """
     if args.replace and args.add is None:
         raise ConfigurationError("--replace says what becomes of added trials: give their folder with --add.")
-    tell = teller(quiet=False)
-    tell("reading the records, then drawing 30 figures and counting intervals: minutes for a whole grid")
+    tell_watcher(
+        "reading the records, then drawing 30 figures and counting intervals: minutes for a whole grid"
+    )
     from usbench.figures import comparison, tuning
     from usbench.results import leaderboard, tables
     from usbench.results.protocol import tuning as searched
@@ -79,7 +81,7 @@ def _call(args: argparse.Namespace) -> None:
     # Before anything is written: there may be no such record.
     search = None if args.search is None else searched.gather(args.search)
     if args.runs is not None:
-        path = _write_trials(args, tell)
+        path = _write_trials(args)
     elif args.add is not None:
         _add_trials(args, path)
     folder = leaderboard.files(path)
@@ -92,17 +94,20 @@ def _call(args: argparse.Namespace) -> None:
         print(written)
 
 
-def _write_trials(args: argparse.Namespace, tell: Callable[[str], None]) -> Path:
+def _write_trials(args: argparse.Namespace) -> Path:
     """Write the tables of the trials in a folder; return the leaderboard that they are of."""
     from usbench.compare import runs
     from usbench.results import leaderboard, studies
 
     known = _gathered(args.runs)
+    # Before anything is written: a record of a study may be damaged.
+    played = studies.gather(args.runs)
+    tell = partial(print, file=sys.stderr)
     names = known.trials["trial"]
     path = runs.place(LEADERBOARD, args.runs, names, tell, named=args.leaderboard, with_studies=True)
     folder = leaderboard.prepare(path)
     runs.write_tables(known, folder)
-    studies.write(studies.gather(args.runs), folder)
+    studies.write(played, folder)
     return path
 
 
@@ -111,14 +116,16 @@ def _add_trials(args: argparse.Namespace, path: Path) -> None:
     from usbench.records.lock import locked
     from usbench.results import additions, held_out, leaderboard, sources, studies, tables
 
-    known = _gathered(args.add)
+    known, played = _gathered(args.add), studies.gather(args.add)
     folder = leaderboard.files(path)
     # Before anything is written: it may be refused.
+    studies.add(studies.read(sources.own_or_published(folder)), played, replace=args.replace)
     additions.add(tables.read(sources.own_or_published(folder)), known)
     leaderboard.prepare(path)
     with locked(folder / tables.TRIALS):
         addition = additions.add(tables.read(sources.own_or_published(folder)), known, replace=args.replace)
-        checked = _told(addition, args.add, replaced=args.replace)
+        doubted = additions.unverified(folder) if args.replace else ()
+        checked = _told(addition, args.add, replaced=args.replace, doubted=doubted)
         if sources.bring_published(folder):
             print(FROM_THE_PACKAGE.format(folder), file=sys.stderr)
         if args.replace:
@@ -127,7 +134,7 @@ def _add_trials(args: argparse.Namespace, path: Path) -> None:
         # The marks first: a trial that is not verified is never there without its mark.
         additions.mark_unverified(folder, checked, [name for name, told in checked.items() if told])
         tables.write(addition.results, folder)
-        studies.write(studies.add(studies.read(folder), studies.gather(args.add)), folder)
+        studies.write(studies.add(studies.read(folder), played, replace=args.replace), folder)
 
 
 def _gathered(folder: Path) -> Results:
@@ -141,11 +148,13 @@ def _gathered(folder: Path) -> Results:
     return known
 
 
-def _told(addition: Addition, runs: Path, *, replaced: bool) -> dict[str, list[str]]:
+def _told(
+    addition: Addition, runs: Path, *, replaced: bool, doubted: Collection[str]
+) -> dict[str, list[str]]:
     """Tell what became of the trials in `runs`.
 
     Returns:
-        Of each trial that is new, or new with these numbers, why it is not verified.
+        Of each trial that is new, or new with these numbers, or was `doubted`, why it is not verified.
     """
     from usbench import records
     from usbench.compare import submission
@@ -161,7 +170,8 @@ def _told(addition: Addition, runs: Path, *, replaced: bool) -> dict[str, list[s
     for name, row in addition.apart.items():
         print(f"with other settings than its algorithm's row, so in the row {row!r}: {name}", file=sys.stderr)
     places = {folder.name: folder for folder in records.trial_folders(runs)}
-    checked = {name: submission.problems(places[name], records_alone=True) for name in addition.new}
+    asked = [*addition.new, *(name for name in addition.same if name in doubted)]
+    checked = {name: submission.problems(places[name], records_alone=True) for name in asked}
     for name, told in checked.items():
         if told:
             print(f"not verified, and marked so: {name} ({told[0]})", file=sys.stderr)

@@ -58,14 +58,17 @@ def _call(args: argparse.Namespace) -> None:
     # First, as PyTorch takes seconds.
     path = LEADERBOARD if args.leaderboard is None else _with_tables(args.leaderboard)
     from usbench.compare import transfer
-    from usbench.results import held_out, leaderboard, sources
+    from usbench.records.lock import locked
+    from usbench.results import held_out, leaderboard, sources, tables
 
     tell = teller(args.quiet)
     tested = sources.own_or_published(leaderboard.files(path))
     asked = {"algos": args.algos, "tasks": args.tasks, "noises": args.noise}
     missing = transfer.untested(args.runs, tested, **asked, tell=tell)
     folder = leaderboard.prepare(path)
-    if sources.bring_published(folder):
+    with locked(folder / tables.TRIALS):
+        brought = sources.bring_published(folder)
+    if brought:
         tell(FROM_THE_PACKAGE.format(folder))
     failures = transfer.write(args.runs, folder, missing, tell)
     for written in (folder / held_out.TABLE, *leaderboard.write(folder, path)):

@@ -224,7 +224,7 @@ def improvement(known: Results) -> Figure | None:
     axis.set_ylim(-0.7, len(pairs) - 0.3)
     axis.set_xlim(-0.02, 1.02)
     hollow = " (hollow: one seed, no interval)" if pairs["low"].isna().any() else ""
-    level = 100 * ranking.corrected_level(len(matrices))
+    level = 100 * ranking.sure_level(map(len, matrices.values()))
     thin = f"\n(thin: {level:.4g} %, for all pairs together)" if pairs["sure_low"].notna().any() else ""
     axis.set_xlabel(f"probability of improvement, 95 % bootstrap interval{hollow}{thin}")
     return figure

@@ -2,7 +2,7 @@
 
 import textwrap
 from collections.abc import Sequence
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -76,6 +76,7 @@ def folded(text: str, inches: float, size: float) -> str:
     return "\n".join(lines)
 
 
+@cache
 def _inches(text: str, size: float) -> float:
     return float(TextPath((0, 0), text, size=size).get_extents().width) / 72
 

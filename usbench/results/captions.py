@@ -54,4 +54,6 @@ def _where(part: str, trials: pd.DataFrame) -> str:
         return f"the table {part}"
     learned = trials[trials["steps"] > 0]
     tasks = sorted(set((trials if learned.empty else learned)["task"]))
-    return "the paper's tasks" if set(tasks) <= set(PAPER) else text.in_a_row(list(map(text.escaped, tasks)))
+    return (
+        "the paper's tasks" if tasks in ([], sorted(PAPER)) else text.in_a_row(list(map(text.escaped, tasks)))
+    )

@@ -35,7 +35,8 @@ USUAL, ENDING = "leaderboard", ".md"
 RETURN, SUCCESS = ("return", "return", 1, 2), ("success (%)", "success_rate", 100, 0)
 MEASURES = """\
 Tables of single cells have the score with greedy and with sampled actions, the return and the success;
-those on new phantoms have the ceiling and what agents learned with in place of sampled actions and return.
+those of trainings on new phantoms beyond a task's usual budget have the ceiling and what agents learned
+with in place of sampled actions and return.
 `{scores}` has sampled actions and return of all cells, distance, plane error, steps to goal, area under the
 curve and training time, too."""
 
@@ -215,8 +216,8 @@ def _notes(known: Results, tested: pd.DataFrame | None) -> list[str]:
     ]
     for name, own in further.split(known).items():
         in_table = "" if name == further.GRID else f"In {name}: "
-        # What is said of all frames is said once.
-        notes += [f"{in_table}{note}" for note in provenance.notes(own.trials) if note not in notes]
+        notes += [f"{in_table}{note}" for note in provenance.notes(own.trials)]
+    notes += provenance.origins(known.trials)
     if tested is not None:
         missing = held_out.not_tested(further.first(known), tested)
         notes += [f"Agents of {cell.name} were not tested on unseen phantoms." for cell in missing]

@@ -9,7 +9,7 @@ from usbench import seed_pools
 from usbench.results.agents import changed_hyperparameters, is_usual, named, spelled
 from usbench.results.protocol import further, unseen
 from usbench.results.scores import CELL, Cell, environments
-from usbench.results.text import code, escaped, in_lines, listed
+from usbench.results.text import code, escaped, exact, in_lines, listed
 from usbench.tasks import row_of
 from usbench.words import network_apart
 
@@ -65,7 +65,17 @@ def _commands_of(name: str, own: pd.DataFrame) -> list[str]:
     """Return the commands that make the trials of a table."""
     if name == further.GRID:
         return commands(own)
-    return unseen.commands(own) if name == unseen.NAME else [f"usbench compare --table {name}"]
+    if name == unseen.NAME or not _as_planned(name, own):
+        return unseen.commands(own)
+    return [f"usbench compare --table {name}"]
+
+
+def _as_planned(name: str, own: pd.DataFrame) -> bool:
+    """Return whether a comparison of a further table makes all of these trials, and perhaps more."""
+    first = seed_pools.own().comparison.first
+    learned = named(own[own["steps"] > 0])
+    planned = range(first, first + further.n_seeds(name))
+    return set(learned["seed"]) <= set(planned) and bool((learned["agent"] == learned["algo"]).all())
 
 
 def commands(trials: pd.DataFrame) -> list[str]:
@@ -102,13 +112,12 @@ def _options(task: str, own: pd.DataFrame) -> str:
     whole = seeds == list(range(first, first + len(seeds)))
     if not whole or len(steps) > 1 or len(own) != len(seeds) * len(noises):
         return ""
-    options = f"--noise {' '.join(f'{noise:g}' for noise in noises)} --seeds {len(seeds)}"
+    options = f"--noise {' '.join(map(exact, noises))} --seeds {len(seeds)}"
     return options if steps == [row_of(task).steps] else f"{options} --steps {steps[0]}"
 
 
 def notes(trials: pd.DataFrame) -> list[str]:
-    """Return a sentence for everything that makes rows differ from what they seem to be."""
-    finished = trials[trials["status"] == "finished"]
+    """Return a sentence for everything that makes rows of a table differ from what they seem to be."""
     return [
         *_unfinished(trials),
         *_configurations(trials),
@@ -117,9 +126,13 @@ def notes(trials: pd.DataFrame) -> list[str]:
         *_budgets(trials),
         *_seeds(trials),
         *_pools(trials),
-        *_versions(finished),
-        *_frames(finished),
     ]
+
+
+def origins(trials: pd.DataFrame) -> list[str]:
+    """Return a sentence for each version and each task's frames that differ between trials, of all tables."""
+    finished = trials[trials["status"] == "finished"]
+    return [*_versions(finished), *_frames(finished)]
 
 
 def _unfinished(trials: pd.DataFrame) -> list[str]:

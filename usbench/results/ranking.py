@@ -3,7 +3,7 @@
 docs/protocol.md named all of it before anything was trained.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import combinations
 
 import numpy as np
@@ -77,15 +77,31 @@ def corrected_level(n_agents: int) -> float:
     return 1 - (1 - stats.LEVEL) / max(n_agents * (n_agents - 1) // 2, 1)
 
 
+def n_sure(n_seeds: Iterable[int]) -> int:
+    """Return between how many agents it can be sure that one lies above another.
+
+    These are the agents with at least `MIN_SEEDS` seeds; where fewer than two have so many, none can wait for
+    another, and all count.
+    """
+    known = list(n_seeds)
+    enough = sum(n >= MIN_SEEDS for n in known)
+    return enough if enough > 1 else len(known)
+
+
+def sure_level(n_seeds: Iterable[int]) -> float:
+    """Return the level that is corrected for all pairs of agents of which it can be sure, see `n_sure`."""
+    return corrected_level(n_sure(n_seeds))
+
+
 def improvement(scores: Mapping[str, stats.Array]) -> pd.DataFrame:
     """Return a row per ordered pair.
 
     Columns: `agent`, `other`; `probability` that a trial of `agent` has a higher score than one of `other` in
     a cell; its 95 % interval `low`, `high`, which a single seed does not have; and `sure_low`, `sure_high`,
-    the interval at the level that is corrected for all pairs, for agents with at least `MIN_SEEDS` seeds;
+    the interval at the level of `sure_level`, for agents with at least `MIN_SEEDS` seeds;
     `whole_low`, `whole_high`, the same with whole seeds drawn over all cells.
     """
-    level = corrected_level(len(scores))
+    level = sure_level(map(len, scores.values()))
     drawn: dict[tuple[int, int, int], list[list[stats.Array]]] = {}
     rows = []
     for agent, other in combinations(scores, 2):

@@ -19,7 +19,9 @@ PUBLISHED = "published"
 
 
 def gather(paths: Sequence[Path], damaged: Callable[[str], None] | None = None) -> Results:
-    """Return the results of all trials in `paths`, each once: the last that is finished.
+    """Return the results of all trials in `paths`, each once: the one that is finished.
+
+    Of a trial that several of them have, the record in its folder counts, or else that of the last tables.
 
     Args:
         paths: Folders of trials, single trials, or folders of tables that `tables.write` wrote; "published",

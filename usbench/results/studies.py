@@ -61,8 +61,20 @@ def write(known: pd.DataFrame, folder: Path) -> None:
         file.write(known.round(6).to_csv(index=False, lineterminator="\n").encode())
 
 
-def add(known: pd.DataFrame, more: pd.DataFrame) -> pd.DataFrame:
-    """Return the studies of both tables; of those with the same name, that of `more`."""
+def add(known: pd.DataFrame, more: pd.DataFrame, *, replace: bool = False) -> pd.DataFrame:
+    """Return the studies of both tables; of one that both have, that of `more`, which may have gone on.
+
+    Raises:
+        ConfigurationError: Unless `replace`, if another study of `known` has the name of one of `more`.
+    """
+    what = ["study", "task", "noise", "agent"]
+    both = known[what].drop_duplicates().merge(more[what].drop_duplicates(), on="study", suffixes=("", "_"))
+    for _, one in both.iterrows():
+        if not replace and any(one[name] != one[f"{name}_"] for name in what[1:]):
+            raise ConfigurationError(
+                f"the tables have another study {one['study']!r}, of {one['task']} with noise "
+                f"{one['noise']:g} and advice by {one['agent']}: --replace puts the added one in its place."
+            )
     kept = known[~known["study"].isin(more["study"])]
     return more if kept.empty else pd.concat([kept, more], ignore_index=True)
 

@@ -5,6 +5,7 @@ import textwrap
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 DASH = "–"
@@ -96,6 +97,11 @@ def rows(number: int) -> str:
 def folded(summary: str, body: str) -> str:
     """Return Markdown that is folded under a summary of plain words."""
     return f"<details>\n<summary>{summary}</summary>\n\n{body}\n\n</details>"
+
+
+def exact(value: float) -> str:
+    """Return a number as a command takes it, with all of its digits: "0", "0.25"."""
+    return np.format_float_positional(value, trim="-")
 
 
 def in_lines(command: str) -> str:

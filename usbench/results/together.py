@@ -41,9 +41,10 @@ def sections(
         found += [f"## {capital(name)} together", *figures]
         found += [overall(own.trials, matrices, doubted)] if matrices else []
     if len(learners) > 1:
+        n_seeds = {one: len(finals) for one, finals in learners.items()}
         found += [
             f"## Probability of improvement{where}",
-            folded("Each agent beside each", improvement(list(learners), pairs)),
+            folded("Each agent beside each", improvement(n_seeds, pairs)),
         ]
     enough = {one: finals for one, finals in learners.items() if len(finals) >= ranking.MIN_SEEDS}
     if len(enough) > 1:
@@ -134,28 +135,29 @@ def _percent(share: float) -> str:
     return f"{100 * max(share, 0.0):.0f} %"
 
 
-def improvement(agents: list[str], pairs: pd.DataFrame) -> str:
+def improvement(n_seeds: Mapping[str, int], pairs: pd.DataFrame) -> str:
     """Return the matrix of probabilities that a row's agent beats a column's, bold where that is sure."""
     sure = ranking.above(pairs)
     chances = pairs.set_index(["agent", "other"])["probability"]
     rows = []
-    for one in agents:
+    for one in n_seeds:
         cells = []
-        for other in agents:
+        for other in n_seeds:
             mark = "**" if {(one, other), (other, one)} & sure else ""
             cells.append(DASH if one == other else f"{mark}{number(chances[one, other], 2)}{mark}")
         rows.append([code(one), *cells])
     fewer = sorted(ranking.above_by_cells_alone(pairs))
     whole = f" With whole seeds drawn, it is not sure that {pairs_of(fewer)}." if fewer else ""
-    level = ranking.corrected_level(len(agents))
-    n_pairs = len(agents) * (len(agents) - 1) // 2
+    n_sure = ranking.n_sure(n_seeds.values())
+    level = ranking.corrected_level(n_sure)
+    n_pairs = n_sure * (n_sure - 1) // 2
     many = "" if n_pairs == 1 else f", which is 1 - 0.05 / {n_pairs} for {n_pairs} pairs,"
     return (
         "How likely a trial of the row's agent has a higher score than one of the column's in a cell, ties "
         f"counting half; bold where the {100 * level:.4g} % interval{many} leaves out one half: there alone "
         f"one agent lies above the other ({ranking.N_RESAMPLES} resamples). Of agents with fewer than "
         f"{ranking.MIN_SEEDS} seeds nothing is bold, whatever the probability.{whole}\n\n"
-        + table(["", *map(code, agents)], rows)
+        + table(["", *map(code, n_seeds)], rows)
     )
 
 

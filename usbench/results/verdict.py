@@ -16,6 +16,7 @@ from usbench.results.protocol import further
 from usbench.results.tables import Results
 from usbench.results.text import capital, code, interval, names, number, pairs_of
 from usbench.tasks import PAPER, row_of
+from usbench.words import network_apart
 
 PAPERS_OWN = "vpg"
 # The same algorithm, with what the paper fixes searched as in all other rows.
@@ -94,7 +95,10 @@ def sentences(known: Results, tested: pd.DataFrame | None = None) -> list[str]:
     else:
         pairs = ranking.improvement(kept)
         ranked = _Ranked(table, ranking.above(pairs), pairs)
-        found = [_highest(ranked, where), *_against_the_papers_own(ranked, _is_part(cells, table_name))]
+        found = [
+            _highest(ranked, where, waiting),
+            *_against_the_papers_own(ranked, _is_part(cells, table_name)),
+        ]
         named_here = {str(table.index[0]), PAPERS_OWN, PAPERS_OWN_TUNED}
         fewer = [two for two in sorted(ranking.above_by_cells_alone(pairs)) if named_here & {*two}]
         if fewer:
@@ -189,15 +193,16 @@ def _first_look(table: pd.DataFrame, reasons: list[str], where: str) -> list[str
     return [*sentences, f"{OPEN}."]
 
 
-def _highest(ranked: _Ranked, where: str) -> list[str]:
+def _highest(ranked: _Ranked, where: str, waiting: Collection[str]) -> list[str]:
     best, *others = (str(agent) for agent in ranked.table.index)
     seeds = int(ranked.table.loc[best, "seeds"])
     score = f"{ranked.score(best)} over {where} with {seeds} seeds, {SCALE}"
     if not others:
         return [f"only {code(best)} has enough finished trials in every cell.", f"it has {score}."]
+    among = f" of those with at least {ranking.MIN_SEEDS} seeds" if waiting else ""
     near = [one for one in others if not {(one, best), (best, one)} & ranked.above]
     return [
-        f"{code(best)} has the highest score: {score}.",
+        f"{code(best)} has the highest score{among}: {score}.",
         *(f"{code(one)} has {ranked.score(one)} and cannot be told apart from {code(best)}." for one in near),
         *ranked.beside([one for one in others if one not in near], best),
     ]
@@ -208,7 +213,8 @@ def _against_the_papers_own(ranked: _Ranked, in_part: bool) -> list[list[str]]:
     if PAPERS_OWN not in agents:
         return [[f"{OPEN}: `{PAPERS_OWN}` lacks finished trials in some cell, or seeds."]]
     # The same method with other settings is not another method.
-    others = [agent for agent in agents if agent.split()[0] not in (PAPERS_OWN, PAPERS_OWN_TUNED)]
+    own = (PAPERS_OWN, PAPERS_OWN_TUNED)
+    others = [agent for agent in agents if network_apart(agent.split()[0])[0] not in own]
     if not others:
         return [[f"{OPEN}: no other has enough finished trials in every cell."]]
     there = "there, " if in_part else ""

@@ -86,6 +86,12 @@ def frames_of(task: str, noise: float) -> frozenset[int]:
     return frozenset(table.n_frames for table in (_default(), *own))
 
 
+def n_seeds(name: str) -> int:
+    """Return with how many seeds a comparison trains each agent of a further table."""
+    (seeds,) = (one["seeds"] for one in seed_pools.protocol()["comparison"]["extras"] if one["name"] == name)
+    return int(seeds)
+
+
 def describe(name: str) -> str:
     """Return in sentences how a further table differs from the grid."""
     if name == unseen.NAME:

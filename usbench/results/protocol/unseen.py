@@ -80,7 +80,7 @@ def commands(trials: pd.DataFrame) -> list[str]:
 def _command(trial: pd.Series, seeds: Iterable[int]) -> str:
     """Return the command that makes the trials of some seeds, `trial` one of them."""
     task, settings = trial["task"], trial["settings"]
-    options = f" --noise {trial['noise']:g}" if trial["noise"] else ""
+    options = f" --noise {text.exact(trial['noise'])}" if trial["noise"] else ""
     told, frames = tables.senses(settings), tables.n_frames(settings)
     if frames != TrialConfig.n_frames:
         options += f" --n-frames {frames}"
