@@ -4,6 +4,7 @@ import dataclasses
 import errno
 import io
 import json
+import logging
 import re
 import shlex
 import sys
@@ -111,7 +112,7 @@ def test_a_line_in_a_pipe_says_how_long_the_training_goes_on(monkeypatch, capsys
 
 
 @pytest.mark.parametrize("error", [OSError(errno.EIO, "gone"), BrokenPipeError(errno.EPIPE, "gone")])
-def test_a_terminal_that_is_closed_ends_no_training(monkeypatch, error):
+def test_progress_that_cannot_be_written_ends_no_training(monkeypatch, error):
     class Closed(io.StringIO):
         def isatty(self):
             return True
@@ -126,6 +127,8 @@ def test_a_terminal_that_is_closed_ends_no_training(monkeypatch, error):
     bars.evaluated(16, -18.0, 0.2)
     bars.stopping()
     bars.close()
+    with cli._telling(quiet=False):
+        logging.getLogger("usbench.waiting").info("Simulating 16 frames: some seconds.")
 
 
 def test_how_long_it_will_take_stands_before_the_training(quick, tmp_path, capsys):

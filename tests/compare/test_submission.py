@@ -399,6 +399,17 @@ def test_a_mark_goes_with_the_whole_trial_though_its_scores_are_the_same(runs, m
     assert additions.unverified(folder) == [name][:left]
 
 
+def test_a_marked_trial_in_a_folder_of_another_name_keeps_its_mark(runs, monkeypatch):
+    monkeypatch.setattr("usbench.figures.comparison.write", lambda *_: [])
+    known = collecting.collect(runs)
+    folder, name = leaderboard.prepare(Path("leaderboard.md")), known.trials["trial"].iloc[0]
+    tables.write(known, folder)
+    additions.mark_unverified(folder, [name], [name])
+    (runs / name).rename(runs / "renamed")
+    assert cli.main(["leaderboard", "--add", "mine", "--replace"]) == 0
+    assert additions.unverified(folder) == [name]
+
+
 def test_where_there_is_no_trial_one_sentence_says_so(tmp_path):
     with pytest.raises(ConfigurationError, match="there is no trial in"):
         submission.check(tmp_path)

@@ -1,19 +1,29 @@
 """Further tables of the protocol: in sections of their own, never in an average with the grid."""
 
+import json
+
 import pytest
 from made_tables import STEPS, made, seeds, trial
 
+from usbench.agents import zoo
 from usbench.figures import comparison, looks
 from usbench.results import additions, leaderboard, provenance, scores, verdict
 from usbench.results.protocol import further
+from usbench.words import network_apart
 
 ONE_FRAME = {"settings": '{"environment": "e", "gamma": 0.99, "n_frames": 1}', "configuration": "00000002"}
 LONG = {"steps": 4 * STEPS, "configuration": "00000003"}
 
 
 def named(kind, *rows):
-    """Give trials of a further table names of their own."""
-    return [row | {"trial": f"{kind}-{row['trial']}"} for row in rows]
+    """Give trials of a further table names of their own, and the hyperparameters of their algorithms."""
+    return [row | {"trial": f"{kind}-{row['trial']}", "settings": searched(row)} for row in rows]
+
+
+def searched(row):
+    known = zoo.ZOO[network_apart(row["algo"])[0]]
+    own = known.hyperparameters | known.tasks.get(row["task"], {})
+    return json.dumps(json.loads(row["settings"]) | own)
 
 
 GRID = [

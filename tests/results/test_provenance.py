@@ -223,9 +223,19 @@ def test_noise_stands_in_a_command_with_all_its_digits():
     assert float(command.split("--noise ")[1].split()[0]) == 1 / 3
 
 
-@pytest.mark.parametrize(("seed", "planned"), [(100, True), (103, False)])
-def test_the_comparison_of_a_table_is_named_where_it_makes_the_trials(seed, planned):
+@pytest.mark.parametrize(
+    ("changes", "command"),
+    [
+        ({}, "usbench compare --table long"),
+        ({"seed": 103}, "usbench run --algo vpg --task fp --steps 64256 --seed 103"),
+        ({"of": {"gamma": 0.9}}, "usbench run --algo vpg --task fp --steps 64256 --set gamma=0.9 --seed 100"),
+        (
+            {"algo": "ppo_asymmetric", "of": {"n_envs": 16}},
+            "usbench run --algo ppo_asymmetric --task fp --steps 64256 --seed 100",
+        ),
+    ],
+)
+def test_the_comparison_of_a_table_is_named_where_it_makes_the_trials(changes, command):
     """The table long has three seeds, and four times the budget."""
-    told = provenance.making(made(usual(steps=64_256, seed=seed)).trials)
-    assert ("usbench compare --table long" in told) == planned
-    assert (f"usbench run --algo vpg --task fp --steps 64256 --seed {seed}" in told) != planned
+    told = provenance.making(made(usual(steps=64_256, **changes)).trials).replace("\\\n    ", "")
+    assert f"```\n{command}\n```" in told

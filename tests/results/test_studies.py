@@ -20,16 +20,25 @@ def of(study, score=0.5):
 def test_added_studies_stand_beside_those_that_are_there(tmp_path):
     studies.write(of("anna"), tmp_path)
     studies.write(studies.add(studies.read(tmp_path), of("bob")), tmp_path)
-    studies.write(studies.add(studies.read(tmp_path), of("anna", 0.7)), tmp_path)
+    with pytest.raises(ConfigurationError, match="another study 'bob'"):
+        studies.add(studies.read(tmp_path), of("bob", 0.6))
+    gone_on = of("anna", 0.7).assign(played=5)
+    studies.write(studies.add(studies.read(tmp_path), gone_on), tmp_path)
+    studies.write(studies.add(studies.read(tmp_path), gone_on), tmp_path)  # the same again
     known = studies.read(tmp_path)
     assert dict(known.groupby("study")["score"].max()) == {"anna": 0.7, "bob": 0.5}
     assert len(known) == 2 * len(studies.PLAYERS)
 
 
-@pytest.mark.parametrize(("what", "value"), [("task", "fp"), ("noise", 0.5), ("agent", "oracle")])
+@pytest.mark.parametrize(
+    ("what", "value"),
+    [("task", "fp"), ("noise", 0.5), ("agent", "oracle"), ("played", 2), ("score", 0.7)],
+)
 def test_another_study_of_the_same_name_is_refused_unless_it_is_to_replace_it(what, value):
-    other = of("anna", 0.7).assign(**{what: value})
-    with pytest.raises(ConfigurationError, match="the tables have another study 'anna', of pp.*--replace"):
+    other = of("anna").assign(**{what: value})
+    with pytest.raises(
+        ConfigurationError, match=r"another study 'anna' \(pp, noise 0, .* 4 of 4 .*--replace"
+    ):
         studies.add(of("anna"), other)
     pd.testing.assert_frame_equal(studies.add(of("anna"), other, replace=True), other)
 

@@ -83,6 +83,12 @@ def test_an_algorithm_that_ends_the_program_fails_its_trial_and_no_other(here, m
     assert (state["status"], state["reason"]) == ("failed", "SystemExit: enough")
 
 
+def test_an_algorithm_that_ends_the_program_as_it_is_saved_leaves_a_finished_trial(here, monkeypatch):
+    monkeypatch.syspath_prepend(here)
+    folder, left = run_saving(here, "import sys; sys.exit('enough')")
+    assert not left and read_state(folder)["status"] == "finished"
+
+
 def test_starts_and_noise_are_those_of_other_algorithms(here):
     for algo in ("mine:Counter", "a2c"):
         assert cli.main(["run", "--algo", algo, *SHORT, "--out", algo[:4]]) == 0

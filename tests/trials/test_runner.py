@@ -234,7 +234,7 @@ def test_trial_whose_agent_cannot_be_made_leaves_no_file_open(quick, tmp_path, m
         ({"n_frames": "4"}, "n_frames.*'4'"),
         # The network would take the columns for the frames, once the frames are simulated.
         ({"n_frames": 40}, r"n_frames must be a whole number in \[1, 39\], below the rows.*, not 40\."),
-        ({"imaging": Imaging(width_px=3)}, "height_px and width_px must be at least 4 for an agent, not 3"),
+        ({"imaging": Imaging(width_px=7)}, "height_px and width_px must be at least 8 for an agent, not 7"),
         ({"preset": "spinnup"}, "'spinup'"),
         ({"overrides": {"gama": "0.9"}}, "'gamma'"),
         ({"overrides": {"gamma": "2.0"}}, "gamma.*2.0"),

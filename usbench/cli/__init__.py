@@ -220,7 +220,8 @@ class _BesideBars(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         """Write one."""
-        print(self.format(record), file=sys.stderr, flush=True)
+        with contextlib.suppress(OSError):  # nobody may read it any more: what is running goes on
+            print(self.format(record), file=sys.stderr, flush=True)
 
 
 @contextlib.contextmanager

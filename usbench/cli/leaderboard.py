@@ -46,8 +46,8 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
     leaderboard.add_argument(
         "--replace",
         action="store_true",
-        help="with --add: a trial that the tables have with other numbers takes the place of theirs "
-        "(default: the tables keep theirs)",
+        help="with --add: a trial that the tables have with other numbers, or another study of one name, "
+        "takes the place of theirs (default: the tables keep their trials)",
     )
     leaderboard.add_argument(
         "--search",
@@ -124,6 +124,7 @@ def _add_trials(args: argparse.Namespace, path: Path) -> None:
     leaderboard.prepare(path)
     with locked(folder / tables.TRIALS):
         addition = additions.add(tables.read(sources.own_or_published(folder)), known, replace=args.replace)
+        studied = studies.add(studies.read(sources.own_or_published(folder)), played, replace=args.replace)
         doubted = additions.unverified(folder) if args.replace else ()
         checked = _told(addition, args.add, replaced=args.replace, doubted=doubted)
         if sources.bring_published(folder):
@@ -134,7 +135,7 @@ def _add_trials(args: argparse.Namespace, path: Path) -> None:
         # The marks first: a trial that is not verified is never there without its mark.
         additions.mark_unverified(folder, checked, [name for name, told in checked.items() if told])
         tables.write(addition.results, folder)
-        studies.write(studies.add(studies.read(folder), played, replace=args.replace), folder)
+        studies.write(studied, folder)
 
 
 def _gathered(folder: Path) -> Results:
@@ -170,7 +171,8 @@ def _told(
     for name, row in addition.apart.items():
         print(f"with other settings than its algorithm's row, so in the row {row!r}: {name}", file=sys.stderr)
     places = {folder.name: folder for folder in records.trial_folders(runs)}
-    asked = [*addition.new, *(name for name in addition.same if name in doubted)]
+    # A trial of the tables may have a folder of another name here, which is no other trial.
+    asked = [*addition.new, *(name for name in addition.same if name in doubted and name in places)]
     checked = {name: submission.problems(places[name], records_alone=True) for name in asked}
     for name, told in checked.items():
         if told:

@@ -21,10 +21,9 @@ from usbench.guide.study_record import has_begun
 from usbench.records import EVALUATIONS, ConfigurationError, Evaluation, unwritable
 from usbench.records.journal import UNREADABLE, append_all, cut_torn_line, read_rows
 from usbench.records.lock import lock_of
-from usbench.results.studies import ADVISED, AGENT, HUMAN, OPTIMUM, STUDY, folder_of
+from usbench.results.studies import ADVISED, AGENT, HUMAN, OPTIMUM, STUDY, damaged, folder_of
 from usbench.setting import Setting
 from usbench.suite import EvaluationEpisode
-from usbench.words import in_one_line
 
 EPISODES = 8
 
@@ -143,9 +142,7 @@ class Study:
         try:
             return [(row["episode"], row["player"]) for row in read_rows(self.folder / EVALUATIONS)]
         except (*UNREADABLE, KeyError, TypeError) as error:
-            raise ConfigurationError(
-                f"{str(self.folder)!r} is not the record of a study: {in_one_line(error, with_type=True)}."
-            ) from error
+            raise damaged(self.folder, error) from error
 
     def _played(self, play: Play, agent: Opened | None) -> Examination:
         """Return the episode as an agent plays it, by default the optimum."""

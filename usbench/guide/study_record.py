@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from usbench.records import ConfigurationError
-from usbench.records.journal import UNREADABLE, told
-from usbench.results.studies import STUDY, folder_of
+from usbench.records.journal import UNREADABLE
+from usbench.results.studies import STUDY, damaged, folder_of
 
 
 def agent_of(runs: Path, name: str) -> str | None:
@@ -37,7 +37,7 @@ def has_begun(runs: Path, name: str, record: dict[str, Any]) -> bool:
         # Studies of earlier versions do not tell how much is played.
         before = {"plays": now.get("plays"), **json.loads(path.read_text(encoding="utf-8"))}
     except (*UNREADABLE, TypeError) as error:
-        raise ConfigurationError(f"{str(path)!r} is not the record of a study: {told(error)}.") from error
+        raise damaged(path, error) from error
     if differing := [key for key in now if before.get(key) != now[key]]:
         raise ConfigurationError(
             f"the study {name!r} has begun with another {_said(differing[0], before, now)}: "

@@ -35,8 +35,8 @@ USUAL, ENDING = "leaderboard", ".md"
 RETURN, SUCCESS = ("return", "return", 1, 2), ("success (%)", "success_rate", 100, 0)
 MEASURES = """\
 Tables of single cells have the score with greedy and with sampled actions, the return and the success;
-those of trainings on new phantoms beyond a task's usual budget have the ceiling and what agents learned
-with in place of sampled actions and return.
+those of the further table on new phantoms have the ceiling and what agents learned with in place of
+sampled actions and return.
 `{scores}` has sampled actions and return of all cells, distance, plane error, steps to goal, area under the
 curve and training time, too."""
 

@@ -74,8 +74,15 @@ def _as_planned(name: str, own: pd.DataFrame) -> bool:
     """Return whether a comparison of a further table makes all of these trials, and perhaps more."""
     first = seed_pools.own().comparison.first
     learned = named(own[own["steps"] > 0])
-    planned = range(first, first + further.n_seeds(name))
-    return set(learned["seed"]) <= set(planned) and bool((learned["agent"] == learned["algo"]).all())
+    seeds = range(first, first + further.n_seeds(name))
+    rows = seed_pools.protocol()["comparison"]["rows"]
+    return all(
+        trial["seed"] in seeds
+        and network_apart(trial["algo"])[0] in rows
+        and trial["agent"] == trial["algo"]
+        and not changed_hyperparameters(trial)
+        for _, trial in learned.iterrows()
+    )
 
 
 def commands(trials: pd.DataFrame) -> list[str]:

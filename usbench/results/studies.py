@@ -58,25 +58,38 @@ def write(known: pd.DataFrame, folder: Path) -> None:
         (folder / TABLE).unlink(missing_ok=True)
         return
     with atomic_file(folder / TABLE) as file:
-        file.write(known.round(6).to_csv(index=False, lineterminator="\n").encode())
+        file.write(_as_csv(known).encode())
 
 
 def add(known: pd.DataFrame, more: pd.DataFrame, *, replace: bool = False) -> pd.DataFrame:
     """Return the studies of both tables; of one that both have, that of `more`, which may have gone on.
 
     Raises:
-        ConfigurationError: Unless `replace`, if another study of `known` has the name of one of `more`.
+        ConfigurationError: Unless `replace`, if a study of `known` has the name of one of `more`, which is
+            another, or had been played further.
     """
-    what = ["study", "task", "noise", "agent"]
-    both = known[what].drop_duplicates().merge(more[what].drop_duplicates(), on="study", suffixes=("", "_"))
-    for _, one in both.iterrows():
-        if not replace and any(one[name] != one[f"{name}_"] for name in what[1:]):
+    for name, now in more.groupby("study"):
+        before = known[known["study"] == name]
+        if not (replace or before.empty or _goes_on(before, now)):
+            one = before.iloc[0]
             raise ConfigurationError(
-                f"the tables have another study {one['study']!r}, of {one['task']} with noise "
-                f"{one['noise']:g} and advice by {one['agent']}: --replace puts the added one in its place."
+                f"the tables have another study {name!r} ({one['task']}, noise {one['noise']:g}, advice by "
+                f"{one['agent']}, {one['played']} of {one['plays']} played): --replace puts the added one in "
+                "its place, and added trials in the place of those with other numbers."
             )
     kept = known[~known["study"].isin(more["study"])]
     return more if kept.empty else pd.concat([kept, more], ignore_index=True)
+
+
+def _goes_on(before: pd.DataFrame, now: pd.DataFrame) -> bool:
+    """Return whether the rows of a study are the same `now` as `before`, or of more episodes."""
+    old, new = (_as_csv(rows[["task", "noise", "agent", "plays"]]) for rows in (before, now))
+    more = now["played"].iloc[0] > before["played"].iloc[0]
+    return old == new and (bool(more) or _as_csv(before) == _as_csv(now))
+
+
+def _as_csv(known: pd.DataFrame) -> str:
+    return str(known.round(6).to_csv(index=False, lineterminator="\n"))
 
 
 def read(folder: Path) -> pd.DataFrame:
@@ -128,6 +141,12 @@ HEAD = (
 )
 
 
+def damaged(path: Path, error: BaseException) -> ConfigurationError:
+    """Return the error for a folder or file that is not the record of a study."""
+    missing = "it has no " if isinstance(error, KeyError) else ""
+    return ConfigurationError(f"{str(path)!r} is not the record of a study: {missing}{told(error)}.")
+
+
 def _rows(folder: Path) -> list[dict[str, object]]:
     try:
         study = json.loads((folder / STUDY).read_text(encoding="utf-8"))
@@ -142,7 +161,7 @@ def _rows(folder: Path) -> list[dict[str, object]]:
         same = played[played["eval_episode"].isin(ways[ways == 2].index)]
         return [_row(study, anchors, player, same[same["player"] == player]) for player in PLAYERS]
     except (*UNREADABLE, KeyError, TypeError, AttributeError) as error:
-        raise ConfigurationError(f"{str(folder)!r} is not the record of a study: {told(error)}.") from error
+        raise damaged(folder, error) from error
 
 
 def _row(study: dict[str, object], anchors: Anchors, player: str, rows: pd.DataFrame) -> dict[str, object]:

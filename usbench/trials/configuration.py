@@ -15,8 +15,8 @@ from usbench.trials import knowledge
 
 # What `resolve` takes beside names of algorithm and task: values of its own, and those of a setting.
 OWN = ("seed", "steps", "n_envs", "preset", "overrides")
-# The paper's trunk halves images twice.
-LEAST_PX = 4
+# The fewest rows and columns that every network of this package takes.
+LEAST_PX = 8
 
 # What is recorded with a trial, since its bits depend on them.
 PACKAGES = (

@@ -171,7 +171,7 @@ class _Run:
         except KeyboardInterrupt:
             self._give_up("interrupted", "stopped by the user")
             raise
-        except (Exception, SystemExit) as error:  # an algorithm of another package may end the program
+        except (Exception, SystemExit) as error:  # whatever an algorithm of another package does
             # An algorithm that meets such weights first lists them all.
             reason = records.DIVERGED if has_diverged(self.agent) else in_one_line(error, with_type=True)
             self._give_up("failed", reason)
@@ -208,7 +208,7 @@ class _Run:
             try:
                 points = len(self.trial.evaluation_points)
                 expected = rehearsal.expected(self.config, self.setting, self.episodes, points)
-            except Exception as error:  # whatever an algorithm of another package does
+            except (Exception, SystemExit) as error:  # whatever an algorithm of another package does
                 log.warning("how long it will take is not known: %s", in_one_line(error))
                 return
         if expected is not None:
@@ -268,7 +268,7 @@ class _Run:
         """Save the model; where an agent of another package cannot, its records are as good without."""
         try:
             self._save_model()
-        except Exception as error:  # whatever an algorithm of another package does
+        except (Exception, SystemExit) as error:  # whatever an algorithm of another package does
             # A full disk is no fault of the agent: with room on it, the trial goes on.
             if zoo.is_of_the_package(self.config.algo) or isinstance(error, OSError):
                 raise
@@ -299,7 +299,7 @@ class _Run:
             return
         try:
             self._save_model()
-        except Exception as error:  # whatever an algorithm of another package does
+        except (Exception, SystemExit) as error:  # whatever an algorithm of another package does
             self._tell_unsaved(error)
 
     def _write(self, **news: Any) -> None:

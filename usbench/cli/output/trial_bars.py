@@ -22,8 +22,8 @@ from usbench.waiting import duration
 class Bars:
     """Progress on stderr: bars in a terminal, a line now and then in a file or a pipe.
 
-    A `usbench.trials.callback.Progress`. Where nobody can read it any more, as when the terminal is closed,
-    the training goes on, and ends as it would have ended.
+    A `usbench.trials.callback.Progress`. That it cannot be written ends no training; the signal of a terminal
+    that is closed ends it as Ctrl-C does, unless it is ignored (nohup).
     """
 
     def __init__(self) -> None:

@@ -64,7 +64,7 @@ def _ceiling(task: str, senses: Iterable[str], noise: float) -> str:
 
 
 def commands(trials: pd.DataFrame) -> list[str]:
-    """Return the commands that make the trials of this table.
+    """Return the commands that make single trials, as those of this table, those that differ in seeds as one.
 
     Trials with another number of environments, or of versions with other hyperparameters, are left out.
     """
