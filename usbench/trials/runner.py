@@ -283,7 +283,7 @@ class _Run:
             for path in scratch.iterdir():
                 move_whole(path, self.folder / path.name)
 
-    def _tell_unsaved(self, error: Exception) -> None:
+    def _tell_unsaved(self, error: BaseException) -> None:
         log.warning(
             "the trial %s has no model: %s.save failed (%s)",
             self.folder.name,
