@@ -210,6 +210,23 @@ def test_a_dynamic_range_alone_leaves_the_frequency_of_the_probe(tmp_path, monke
 @pytest.mark.parametrize(
     ("argv", "said"),
     [
+        (["--x", "900"], "--x must be in [-40, 40], where the phantom is, not 900."),
+        (["--depth", "0"], "--depth must be at least 1, not 0."),
+        (["--angle", "up"], "--angle must be a whole number, not 'up'"),
+        (["--frequency", "99"], "--frequency must be a number in [1, 10], not 99"),
+        (["--dynamic-range", "0"], "--dynamic-range must be a whole number in [1, 200], not 0"),
+        (["--pixel", "0"], "--pixel must be a number in [0.01, 10], not 0"),
+        (["--median", "2"], "--median must be odd, not 2"),
+    ],
+)
+def test_a_wrong_value_is_told_by_its_option(capsys, argv, said):
+    assert cli.main(["frame", *argv]) == 2
+    assert f"usbench: error: {said}" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("argv", "said"),
+    [
         (["--phantom", "a.nii", "--task", "pp"], "--phantom is in place of a task's phantom"),
         (["--phantom", "a.nii", "--number", "3"], "--phantom is in place of a task's phantom"),
     ],

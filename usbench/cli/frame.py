@@ -3,17 +3,30 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from usbench.checks import ConfigurationError
 from usbench.cli.arguments import add_probe_and_imaging, number, probe_and_imaging, tell_watcher
 from usbench.cli.phantom import add_phantom, custom_anatomy
 
 if TYPE_CHECKING:
     from usbench.watch.snapshot_option import Source
 
+# What errors name, by the option that gives it.
+OPTIONS = {
+    "x_mm": "--x",
+    "focal_depth_mm": "--depth",
+    "angle_deg": "--angle",
+    "frequency_mhz": "--frequency",
+    "dynamic_range_db": "--dynamic-range",
+    "pixel_mm": "--pixel",
+    "median_size": "--median",
+}
 EXAMPLES = """examples:
   usbench frame --x 10 --depth 35 --angle 60
   usbench frame --x 10 --depth 35 --angle 60 --plain --out frame.png
@@ -113,19 +126,29 @@ def _call(args: argparse.Namespace) -> None:
     from usbench.watch import snapshot, snapshot_files, snapshot_option
 
     source = _source(args)
-    source = replace(source, imaging=snapshot_option.imaging_of(source, args.pixel, args.median))
     place = (args.x, args.depth, args.angle)
-    source, pose = snapshot_option.placed(source, *place, args.frequency, args.dynamic_range)
+    with _named_by_options():
+        source = replace(source, imaging=snapshot_option.imaging_of(source, args.pixel, args.median))
+        source, pose = snapshot_option.placed(source, *place, args.frequency, args.dynamic_range)
     path = snapshot_files.path(args.out, args.kind, source, pose, plain=args.plain)
     taken = snapshot.take(source, pose, args.kind)
     snapshot_files.write(taken, path, plain=args.plain)
     print(f"{path}: {taken.kind}, {taken.values.shape} {taken.values.dtype}, {taken.unit}")
 
 
+@contextlib.contextmanager
+def _named_by_options() -> Iterator[None]:
+    """Let errors begin with the option that gave the wrong value."""
+    try:
+        yield
+    except ConfigurationError as error:
+        name, _, rest = str(error).partition(" ")
+        raise ConfigurationError(f"{OPTIONS.get(name, name)} {rest}") from error
+
+
 def _source(args: argparse.Namespace) -> Source:
     """Return what is examined, and with what."""
     from usbench.envs.anatomy.points import read_points
-    from usbench.records import ConfigurationError
     from usbench.watch import snapshot_option
 
     given = [name for name in ("phantom", "scatterers") if getattr(args, name)]

@@ -80,8 +80,8 @@ def corrected_level(n_agents: int) -> float:
 def n_sure(n_seeds: Iterable[int]) -> int:
     """Return between how many agents it can be sure that one lies above another.
 
-    These are the agents with at least `MIN_SEEDS` seeds; where fewer than two have so many, none can wait for
-    another, and all count.
+    These are the agents with at least `MIN_SEEDS` seeds. Where fewer than two have so many, nothing is sure,
+    and all of them count.
     """
     known = list(n_seeds)
     enough = sum(n >= MIN_SEEDS for n in known)
