@@ -241,6 +241,21 @@ def test_players_are_compared_over_the_episodes_that_were_played_in_both_ways(tm
         assert table.loc[player, "return"] == pytest.approx(own["return"])
 
 
+def test_another_study_of_one_name_is_added_only_if_asked_for(finished, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("usbench.figures.comparison.draw", lambda known: {})
+    play_once(Session(finished.parent, finished, study="anna"))
+    board = tmp_path / "board.md"
+    assert cli.main(["leaderboard", "--runs", str(finished.parent), "--leaderboard", str(board)]) == 0
+    theirs = studies.read(tmp_path / "board_files")
+    studies.write(theirs.assign(agent="another"), tmp_path / "board_files")
+    add = ["leaderboard", "--add", str(finished.parent), "--leaderboard", str(board)]
+    assert cli.main(add) == 2
+    told = capsys.readouterr().err
+    assert "another study 'anna' (pp, noise 0.5, advice by another, 1 of 4 played). --replace puts" in told
+    assert cli.main([*add, "--replace"]) == 0
+    assert studies.read(tmp_path / "board_files").equals(theirs)
+
+
 def test_a_study_without_an_episode_in_both_ways_has_no_score(tmp_path):
     play_once(Session(tmp_path, study="anna"))
     for row in studies.texts(studies.gather(tmp_path)):

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 
 LEFT_OUT = "left out, as its anatomy, probe, imaging, reward or senses are not those of the task {}: {}"
 KEPT = "the tables keep their trials: --replace puts those of {} in their place"
+ANOTHER_STUDY = (
+    "--replace puts the added one in its place, and added trials in the place of those with other numbers."
+)
 FORGOTTEN = "its score on unseen phantoms was of the older agent and is removed: {}"
 FROM_THE_PACKAGE = "no tables in {}: those of the benchmark's own leaderboard are copied there"
 
@@ -119,7 +122,10 @@ def _add_trials(args: argparse.Namespace, path: Path) -> None:
     known, played = _gathered(args.add), studies.gather(args.add)
     folder = leaderboard.files(path)
     # Before anything is written: it may be refused.
-    studies.add(studies.read(sources.own_or_published(folder)), played, replace=args.replace)
+    try:
+        studies.add(studies.read(sources.own_or_published(folder)), played, replace=args.replace)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{error} {ANOTHER_STUDY}") from error
     additions.add(tables.read(sources.own_or_published(folder)), known)
     leaderboard.prepare(path)
     with locked(folder / tables.TRIALS):

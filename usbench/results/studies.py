@@ -74,8 +74,7 @@ def add(known: pd.DataFrame, more: pd.DataFrame, *, replace: bool = False) -> pd
             one = before.iloc[0]
             raise ConfigurationError(
                 f"the tables have another study {name!r} ({one['task']}, noise {one['noise']:g}, advice by "
-                f"{one['agent']}, {one['played']} of {one['plays']} played): --replace puts the added one in "
-                "its place, and added trials in the place of those with other numbers."
+                f"{one['agent']}, {one['played']} of {one['plays']} played)."
             )
     kept = known[~known["study"].isin(more["study"])]
     return more if kept.empty else pd.concat([kept, more], ignore_index=True)
