@@ -27,6 +27,9 @@ def main() -> None:
         "--throughput", action="store_true", help="only few and many scatterers, in this process"
     )
     parser.add_argument(
+        "--probes", action="store_true", help="only the tables of the default probe and of those with a name"
+    )
+    parser.add_argument(
         "--repeats", type=int, default=15, help="frames per focal depth and round (default 15)"
     )
     args = parser.parse_args()
@@ -37,9 +40,13 @@ def main() -> None:
         for row in chain(*(part() for part in many_points.PARTS)):
             print(*row, sep="\t", flush=True)
         return
+    if args.probes:
+        for row in accuracy.probes():
+            print(*row, sep="\t", flush=True)
+        return
     table = Table("what", "measured", "asked", "reached", title="The simulator")
     parts = [
-        *(accuracy.accuracy(), rivals.engines(), speed.speed(args.repeats)),
+        *(accuracy.accuracy(), accuracy.probes(), rivals.engines(), speed.speed(args.repeats)),
         *(speed.environments(args.repeats), speed.scaling(), many_points.apart(), speed.from_nothing()),
     ]
     has_esdiva = importlib.util.find_spec("esdiva") is not None

@@ -225,21 +225,30 @@ def _sum(
     weights = weights * np.exp(-2 * attenuation * array.center_frequency * (z - nearest))
     y_row = np.rint(np.abs(y) / taps.y_step).astype(np.int32)
     first, last = table.span
-    margin, wave_length = N_FIR + 2 * BLOCK + max(-first, last), last - first + 2 * BLOCK
+    rate, c = array.iq_sampling_frequency, array.speed_of_sound
+    longest = math.ceil(rate / c * np.abs(taps.further_path).max(initial=0.0))
+    margin, wave_length = N_FIR + 2 * BLOCK + max(-first, last) + longest, last - first + 2 * BLOCK
     iq = np.empty((len(lines), n_samples), dtype=np.complex64)
     fir = delay_filters()
-    rate, c = array.iq_sampling_frequency, array.speed_of_sound
+    # Of each group of taps: the scatterers that have them, the taps, how many, and the path.
+    groups = [(slice(None), taps.taps, taps.n_taps, taps.path)]
+    if len(taps.further):
+        tall = np.flatnonzero(taps.need_further(y_row, z))
+        paths = (taps.path + np.float32(longer) for longer in taps.further_path)
+        groups += [(tall, one, taps.n_further, path) for one, path in zip(taps.further, paths, strict=True)]
 
     def run(part: slice) -> None:
         n_total = n_samples + 2 * margin
         sums = np.zeros((part.stop - part.start, N_PHASES, n_total), dtype=np.complex64)
-        accumulate(
-            x, z, y_row, row, fraction, weights.astype(np.float32), table.waveforms, table.cells,
-            table.farther, table.parts, table.waves, taps.taps, taps.n_taps, taps.path, lines[part],
-            offsets[part] / array.pitch, 1.0 / table.u_step, 1.0 / taps.distance_step, N_PHASES * rate / c,
-            N_PHASES * (array.pulse_delay * rate + margin) + 0.5, array.iq_center_frequency / c, n_total,
-            wave_length, sums.reshape(-1),
-        )  # fmt: skip
+        for which, coefficients, n_taps, path in groups:
+            accumulate(
+                x[which], z[which], y_row[which], row[which], fraction[which],
+                weights[which].astype(np.float32), table.waveforms, table.cells, table.farther, table.parts,
+                table.waves, coefficients, n_taps, path, lines[part], offsets[part] / array.pitch,
+                1.0 / table.u_step, 1.0 / taps.distance_step, N_PHASES * rate / c,
+                N_PHASES * (array.pulse_delay * rate + margin) + 0.5, array.iq_center_frequency / c, n_total,
+                wave_length, sums.reshape(-1),
+            )  # fmt: skip
         merge(sums, fir, margin, iq[part])
 
     parts = divided(len(lines))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from unittest import mock
 
 import numpy as np
@@ -12,6 +13,9 @@ from usbench.envs import rf as module
 from usbench.envs.bmode import bmode, envelope, log_compress
 from usbench.envs.probe import DEFAULT_ARRAY
 from usbench.envs.rf import simulate_rf
+from usbench.setting_parts.toml_files import presets, read_probe
+
+N_POINTS = 500  # more are no longer summed directly for one line
 
 
 def accuracy() -> Iterator[Row]:
@@ -42,6 +46,30 @@ def accuracy() -> Iterator[Row]:
         yield image_row(f"60 dB image, focus {focus} mm: rms above -40 dB", *frames(data, ours, theirs))
         yield image_row(f"the same, envelope at the RF's samples, focus {focus} mm", *envelopes)
         yield from points(data, i, focus, float(np.sqrt(np.square(theirs).sum() / np.square(ours).sum())))
+
+
+def probes() -> Iterator[Row]:
+    """Compare the table of each probe with the direct sum: points in its slice, 10 to 45 mm deep.
+
+    The direct sum, which `simulate_rf` takes for single lines of so few points, has the elements' height as
+    the slow sum has it.
+    """
+    few = replace(DEFAULT_ARRAY, n_active=8)
+    named = {name: read_probe(name) for name in presets()}
+    for name, probe in {"default": DEFAULT_ARRAY, "default, 8 active elements": few, **named}.items():
+        rng, beside = np.random.default_rng(0), probe.slice_thickness / 2
+        points = rng.uniform((-0.012, -beside, 0.010), (0.012, beside, 0.045), (N_POINTS, 3))
+        scene = points, rng.normal(size=N_POINTS), probe, 30e-3
+        lines = probe.line_positions[np.abs(probe.line_positions) <= 0.012]
+        rf, _ = simulate_rf(*scene, lines)
+        ours, direct = [], []
+        for k in np.linspace(0, len(lines) - 1, 5).astype(int)[1:-1]:
+            one, _ = simulate_rf(*scene, lines[k : k + 1])
+            n = min(len(rf), len(one))
+            ours.append(rf[:n, k].astype(np.float64))
+            direct.append(one[:n, 0].astype(np.float64))
+        likeness = correlation(np.concatenate(ours), np.concatenate(direct))
+        yield f"{name}: RF correlation of table and direct sum", f"{likeness:.4f}", "at least 0.99"
 
 
 def frames(data: dict[str, Floats], *signals: Floats) -> list[Floats]:

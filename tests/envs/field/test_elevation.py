@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from usbench import read_probe
 from usbench.envs.field.elevation import HALF, WHOLE, elevation_factor, elevation_taps
 from usbench.envs.probe import LinearArray
 
@@ -66,6 +67,48 @@ def test_filter_has_the_spectrum_of_the_factor(y, rho, attenuation):
     whole = [factor[0] * np.exp(-2j * np.pi * f * extra[0] / 1540) for factor, extra in both]
     expected = (whole[0] / whole[1]) ** 2
     assert np.abs(ours - expected).max() < 0.1 * np.abs(expected).max() + 0.001
+
+
+@pytest.mark.parametrize("name", ["l7-4", "l11-4v", "l12-5"])
+@pytest.mark.parametrize("y, rho", [(1e-3, 12e-3), (3e-3, 20e-3), (5e-3, 30e-3), (7e-3, 45e-3)])
+def test_filter_of_a_tall_element_has_the_spectrum_of_the_factor_with_its_further_taps(name, y, rho):
+    array = read_probe(name)
+    taps = elevation_taps(array, 10e-3, 60e-3)
+    middle, rate, c = array.iq_center_frequency, array.iq_sampling_frequency, array.speed_of_sound
+    f = middle + np.linspace(-0.5, 0.5, 201) * rate
+    row, column = round(y / taps.y_step), round(rho / taps.distance_step)
+    weights, offsets = filter_of(taps, row, column)
+    delays = np.exp(-2j * np.pi * np.outer(f - middle, offsets / rate))
+    # Taps delay the envelope; a longer path delays the wave with its phase.
+    ours = delays @ weights
+    short = np.exp(-2j * np.pi * np.outer(f - middle, np.array(WHOLE + HALF) / rate))
+    for values, longer in zip(taps.further[:, row, column], taps.further_path, strict=True):
+        ours = ours + (short @ (values[0::2] + 1j * values[1::2])) * np.exp(-2j * np.pi * f * longer / c)
+    both = [elevation_factor(array, position, np.array([rho]), f) for position in (y, 0.0)]
+    (factor, extra), (on_plane, on_plane_extra) = both
+    way = 2 * (extra - on_plane_extra) - taps.path[row, column]
+    expected = (factor / on_plane)[0] ** 2 * np.exp(-2j * np.pi * f * way / c)
+    weight = np.abs(array.pulse_spectrum(f))
+    errors = [
+        np.linalg.norm((one - expected) * weight) / np.linalg.norm(expected * weight)
+        for one in (ours, delays @ weights)
+    ]
+    assert errors[0] < 0.06
+    if taps.n_further[row, column]:
+        assert errors[1] > 2 * errors[0]  # without the further taps
+
+
+def test_elements_that_are_not_tall_have_no_further_taps():
+    taps = elevation_taps(ARRAY, 5e-3, 90e-3)
+    assert len(taps.further) == 0 and not taps.n_further.any()
+
+
+def test_points_that_need_further_taps_are_near_or_far_from_the_plane():
+    taps = elevation_taps(read_probe("l7-4"), 10e-3, 60e-3)
+    rows = np.rint(np.array([0.0, 8e-3]) / taps.y_step).astype(int)
+    assert list(taps.need_further(rows, np.full(2, 20e-3))) == [False, True]
+    used = np.argwhere(taps.n_further)
+    assert taps.need_further(used[:, 0], used[:, 1] * taps.distance_step).all()
 
 
 def test_filters_are_as_short_as_they_may_be():
