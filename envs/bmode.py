@@ -12,7 +12,17 @@ import numpy as np
 import numpy.typing as npt
 from scipy import sparse
 
-from usbench.checks import HERTZ, METRES, meant, non_negative, number, positive, quantity, whole_number
+from usbench.checks import (
+    HERTZ,
+    METRES,
+    check_type,
+    meant,
+    non_negative,
+    number,
+    positive,
+    quantity,
+    whole_number,
+)
 from usbench.envs.arrays import real
 from usbench.envs.probe import LinearArray, bounded, check_array
 from usbench.envs.receiver import gain
@@ -94,9 +104,12 @@ def envelope(signals: npt.ArrayLike) -> npt.NDArray[np.float32]:
     It is the magnitude of complex I/Q, and that of the analytic signal of real RF.
 
     Raises:
-        ValueError: If the shape is another, a value is not finite, or the envelope is beyond 3.4e38.
+        ValueError: If they are no numbers, the shape is another, a value is not finite, or the envelope is
+            beyond 3.4e38.
     """
     array = np.asarray(signals)
+    if array.dtype.kind not in "biufc":
+        raise ValueError(f"signals must be real or complex numbers, not {array.dtype}.")
     if array.ndim != 2 or array.size == 0:
         raise ValueError(f"signals must have shape (n_samples, n_lines), not {array.shape}.")
     if not np.isfinite(array).all():
@@ -140,9 +153,10 @@ def bmode(
         alone fills the image's width.
 
     Raises:
-        TypeError: If a value is no number.
+        TypeError: If a value is no number, or `imaging` no `Imaging`.
         ValueError: If shapes do not fit, a value is not allowed, or no sample comes from 0 to 0.5 m of depth.
     """
+    check_type("imaging", imaging, Imaging)
     envelopes = envelope(signals)
     lines = real("line_positions", line_positions)
     steps = np.diff(lines, prepend=lines[:1]) if lines.ndim == 1 else lines

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 import reprlib
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -231,7 +232,7 @@ def _sum(
     iq = np.empty((len(lines), n_samples), dtype=np.complex64)
     fir = delay_filters()
     # Of each group of taps: the scatterers that have them, the taps, how many, and the path.
-    groups = [(slice(None), taps.taps, taps.n_taps, taps.path)]
+    groups: list[tuple[Any, ...]] = [(slice(None), taps.taps, taps.n_taps, taps.path)]
     if len(taps.further):
         tall = np.flatnonzero(taps.need_further(y_row, z))
         paths = (taps.path + np.float32(longer) for longer in taps.further_path)

@@ -89,7 +89,12 @@ def scan_batch(
     """Return the frames of many phantoms and poses at once, (n, height_px, width_px) uint8.
 
     The same bits as `scan` one by one, faster: every core makes other frames.
+
+    Raises:
+        TypeError: If `imaging` is no `Imaging`.
     """
+    check_type("imaging", imaging, Imaging)
+    scenes = list(scenes)
     frames = np.empty((len(scenes), imaging.height_px, imaging.width_px), dtype=np.uint8)
 
     def make(k: int) -> None:

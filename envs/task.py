@@ -60,14 +60,15 @@ class Task:
     reward_from_frames: bool = False
 
     def __post_init__(self) -> None:
-        """Check that there are actions, states and starts, and that every start is a state.
+        """Check what there must be, and that every start is a state; lists become tuples.
 
         Raises:
             ValueError: If that is not so.
         """
-        for name in ("actions", "states", "starts"):
+        for name in ("actions", "states", "starts", "displacements"):
             if not getattr(self, name):
                 raise ValueError(f"the task {self.name!r} must have {name}.")
+            object.__setattr__(self, name, tuple(getattr(self, name)))
         for start in self.starts:
             self.index(start)
 

@@ -208,7 +208,12 @@ class Setting:
         They are the mean over the list of what each episode's phantom and start promise. Where
         every start is in the list and there is one phantom, that is the mean over the starts. `report` is
         told of frames that have to be simulated where rewards are computed from them.
+
+        Raises:
+            ValueError: If `episodes` is empty.
         """
+        if episodes is not None and not episodes:
+            raise ValueError("episodes must be one at least, not none.")
         if self.guidance.reward_from_frames:
             self.prepare_frames(report)
         phantoms, starts = self.evaluation_phantoms(), defaultdict(list)

@@ -94,3 +94,9 @@ def test_nobody_knows_how_long_own_algorithms_take_before_the_first_has_ended():
     each = {"stay": 0.0, "a": 1.0, "b": 1.0}
     assert left(each, 1, told=False) is None and left(each, 1, ("stay", 5), told=False) is None
     assert left(each, 1, ("stay", 5), ("a", 35), told=False) == pytest.approx(30)
+
+
+def test_a_trial_that_ends_before_its_turn_began_with_the_last_end_before_its_own():
+    # Another process took b and c: d ended second. It took as long as expected, as b and c will.
+    each = {"a": 10.0, "b": 10.0, "c": 10.0, "d": 10.0}
+    assert left(each, 1, ("a", 10), ("d", 20)) == pytest.approx(10 + 10 - 10)

@@ -404,3 +404,15 @@ def test_refuses_signals_beyond_the_numbers_of_an_envelope(factor, which):
 @pytest.mark.parametrize("factor", [1e-44, 1e-50, 1e-300])
 def test_signals_too_weak_for_a_dynamic_range_are_silence(factor):
     assert not bmode(burst()[1] * factor, FS, LINES).any()
+
+
+def test_signals_that_are_no_numbers_are_refused():
+    with pytest.raises(ValueError, match="signals must be real or complex numbers, not object"):
+        envelope(np.array([[1, None], [2, 3]]))
+
+
+@pytest.mark.parametrize("imaging", [None, {"height_px": 3}])
+def test_what_is_no_imaging_is_refused(imaging):
+    rf, _, _ = burst()
+    with pytest.raises(TypeError, match="imaging must be of type Imaging, not"):
+        bmode(rf, FS, LINES, imaging=imaging)

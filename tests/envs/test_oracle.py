@@ -167,10 +167,15 @@ def test_bad_arguments_are_refused(arguments, error, message):
             function(*arguments)
 
 
-@pytest.mark.parametrize("part", ["actions", "states", "starts"])
+@pytest.mark.parametrize("part", ["actions", "states", "starts", "displacements"])
 def test_a_task_without_a_part_is_refused(part):
     with pytest.raises(ValueError, match=f"the task 'pp' must have {part}"):
         dataclasses.replace(PROBE_PLANE, **{part: ()})
+
+
+def test_the_parts_of_a_task_may_be_lists():
+    listed = {part: list(getattr(PROBE_PLANE, part)) for part in ("states", "starts", "displacements")}
+    assert returns(dataclasses.replace(PROBE_PLANE, **listed), 0.5) == returns("pp", 0.5)
 
 
 def test_a_task_whose_starts_or_moves_leave_its_states_is_refused():

@@ -189,3 +189,10 @@ def test_refuses_what_is_of_another_type(arguments, said):
 def test_rf_refuses_what_is_no_array(call):
     with pytest.raises(TypeError, match="array must be of type LinearArray, not 'l7-4'"):
         call([(0, 0, 0.03)], [1.0], "l7-4", 0.03)
+
+
+def test_a_batch_may_come_from_a_generator_and_needs_an_imaging():
+    scenes = [(Phantom(seed=0), Pose(angle_deg=angle)) for angle in (0, 15)]
+    assert np.array_equal(scan_batch(scene for scene in scenes), scan_batch(scenes))
+    with pytest.raises(TypeError, match="imaging must be of type Imaging, not None"):
+        scan_batch(scenes, imaging=None)

@@ -3,7 +3,6 @@
 import contextlib
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
@@ -53,13 +52,20 @@ class Expected:
         """Return how many seconds it goes on after the last of `ends`; None if nothing tells yet.
 
         Those that learned tell how much longer trials take than was expected: one starts when another ends.
+        One that ended before its turn, as where another process took those before it, began with the last
+        end before its own.
         """
-        waiting = iter(self.each)
-        starts = dict.fromkeys(islice(waiting, self.jobs), 0.0)
+        waiting = list(self.each)
+        starts = {name: 0.0 for name in waiting[: self.jobs]}
+        del waiting[: self.jobs]
+        now = 0.0
         for end in ends:
-            if (name := next(waiting, None)) is not None:
-                starts[name] = end.at_s
-        now = ends[-1].at_s if ends else 0.0
+            if end.name in waiting:
+                starts[end.name] = now
+                waiting.remove(end.name)
+            now = end.at_s
+            if waiting:
+                starts[waiting.pop(0)] = now
         learned = [end for end in ends if end.finished and self.each[end.name]]
         if not (learned or self.told):
             return None

@@ -32,7 +32,8 @@ def rows(protocol: Protocol, table: str | None, out: Path, folder: Path) -> tupl
     if finished < n_planned:
         raise ConfigurationError(
             f"the table {table} takes the best of the other rows by the grid, of which {finished} of "
-            f"{n_planned} trials are finished: run what is missing of the grid first."
+            f"{n_planned} trials are finished in {str(out)!r} and {str(folder)!r}: run what is missing of "
+            "the grid first, or begin where its tables are, as in a clone."
         )
     ranked = ranking.overall(scores.learners(known))["agent"]
     others = [agent for agent in ranked if agent in protocol.comparison.rows and agent not in named]

@@ -118,8 +118,10 @@ class SearchRecord:
             self._check(rows[0])
         try:
             return {_place(one): {name: one[name] for name in RECORDED} for one in rows[1:]}
-        except (KeyError, TypeError) as error:
+        except KeyError as error:
             raise ValueError(f"{str(self.path)!r} is damaged: a trial has no {error}.") from error
+        except TypeError as error:
+            raise ValueError(f"{str(self.path)!r} is damaged: {error}.") from error
 
     def _check(self, head: Mapping[str, Any]) -> None:
         """Raise ConfigurationError unless the record was begun with the same head."""

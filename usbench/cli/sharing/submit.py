@@ -51,7 +51,7 @@ def _call(args: argparse.Namespace) -> None:
     if wrong:
         name, told = next(iter(wrong.items()))
         counted = "the trial is" if len(found) == 1 else f"{len(wrong)} of {len(found)} trials are"
-        raise RuntimeError(f"{counted} not verified, nothing is written; {name}: {told[0]}")
+        raise RuntimeError(f"{counted} not verified, nothing is written; {name}: {' '.join(told)}")
     for told_of_frames in submission.other_frames(list(found), tell):
         print(told_of_frames, file=sys.stderr)
     print(f"verified: {len(found)} of {len(found)} trials")
