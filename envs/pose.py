@@ -7,6 +7,7 @@ x towards y, which is clockwise for somebody who looks down on the probe.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, Self
 
@@ -66,9 +67,11 @@ class Limits:
     def __post_init__(self) -> None:
         """Hold the values as whole numbers, or refuse them."""
         for name in (one.name for one in fields(self)):
-            interval = tuple(whole_number(f"a limit of {name}", value) for value in getattr(self, name))
-            if len(interval) != 2 or interval[0] > interval[1]:
-                raise ValueError(f"the limits of {name} must be (low, high), not {getattr(self, name)!r}.")
+            given = getattr(self, name)
+            is_pair = isinstance(given, Sequence) and not isinstance(given, str) and len(given) == 2
+            interval = tuple(whole_number(f"a limit of {name}", value) for value in given) if is_pair else ()
+            if not is_pair or interval[0] > interval[1]:
+                raise ValueError(f"the limits of {name} must be (low, high), not {given!r}.")
             object.__setattr__(self, name, interval)
 
     def check(self, pose: Pose) -> None:

@@ -1,5 +1,7 @@
 """Poses with settings of the scanner: their grid, the frames that they give, and how these are kept."""
 
+import re
+
 import numpy as np
 import pytest
 from stored import SCENE
@@ -55,6 +57,14 @@ def test_limits_are_checked(name):
     with pytest.raises(ValueError, match=f"{name} must be in .2, 4., not 5"):
         Limits(**{name: (2, 4)}).check(Setup(**{name: 5}))
     LIMITS.check(SETUP)
+
+
+@pytest.mark.parametrize("given", [5, None, "05", (1,), (1, 2, 3)])
+def test_limits_that_are_no_pair_are_refused(given):
+    with pytest.raises(
+        ValueError, match=f"the limits of x_mm must be .low, high., not {re.escape(repr(given))}"
+    ):
+        Limits(x_mm=given)
 
 
 def test_settings_stand_in_place_of_the_arrays_and_the_imagings():
