@@ -69,3 +69,8 @@ def test_progress_of_frames_goes_on_from_those_that_are_kept():
     frame_store(phantom, setting.probe, small).prepare(poses[:-3])
     setting.prepare_frames(lambda *numbers: told.append(numbers))
     assert told == [(len(poses) - 3 + n, len(poses)) for n in (1, 2, 3)]
+
+
+def test_anchors_of_no_episodes_are_refused():
+    with pytest.raises(ValueError, match="episodes must be one at least, not none"):
+        Setting(task="pp-random").anchors(episodes=[])

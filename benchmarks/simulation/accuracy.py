@@ -15,7 +15,7 @@ from usbench.envs.probe import DEFAULT_ARRAY
 from usbench.envs.rf import simulate_rf
 from usbench.setting_parts.toml_files import presets, read_probe
 
-N_POINTS = 500  # more are no longer summed directly for one line
+N_POINTS = 500  # for one line so few are summed directly
 
 
 def accuracy() -> Iterator[Row]:

@@ -387,6 +387,9 @@ def test_record_of_a_trial_that_lacks_something_is_refused(quick, rules, tmp_pat
         path.write_text(f"{head}\n{json.dumps(rest)}\n")
         with pytest.raises(ValueError, match=rf"a2c.jsonl' is damaged: a trial has no '{missing}'"):
             run(rules, tmp_path)
+    path.write_text(f"{head}\n{json.dumps(json.loads(one) | {'candidate': [1]})}\n")
+    with pytest.raises(ValueError, match=r"a2c.jsonl' is damaged: unhashable type: 'list'"):
+        run(rules, tmp_path)
 
 
 def test_folder_that_cannot_be_written_is_refused(quick, rules, tmp_path):

@@ -346,8 +346,12 @@ def test_a_submission_is_written_checked_again_and_added(runs, capsys):
     error = capsys.readouterr().err
     assert "1 of 2 trials are not verified, nothing is written; pp-p0-dqn-s100" in error
     wrong = str(records.trial_folders(Path("submission"))[0])
+    rewrite(Path(wrong), records.EPISODES, lambda rows: rows[-1].update(step=STEPS + 1))
+    told = submission.problems(Path(wrong))
     assert cli.main(["submit", wrong, "--check", "--quiet"]) == 1
-    assert "the trial is not verified, nothing is written; pp-p0-dqn-s100" in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert "the trial is not verified, nothing is written; pp-p0-dqn-s100" in error
+    assert len(told) > 1 and " ".join(told) in error
 
 
 def test_the_folder_of_a_submission_holds_its_trials_alone_and_is_no_source(runs, capsys):
