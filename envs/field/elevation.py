@@ -171,12 +171,15 @@ def _fitted(array: LinearArray, y_max: float, distance_max: float, attenuation: 
     frequencies = middle + rate * ((np.arange(model.n_frequencies) + 0.5) / model.n_frequencies - 0.5)
     weight = np.abs(array.pulse_spectrum(frequencies))
     weight = (weight / np.sqrt(np.square(weight).sum())).astype(np.float32)
+    on_plane, on_plane_extra = elevation_factor(array, 0.0, distances, frequencies, attenuation)
+    if model.later:  # what is heard on the plane differs between distances: (n_distances, n_frequencies)
+        weight = weight * np.square(np.abs(on_plane))
+        weight /= np.sqrt(_energy(weight.astype(np.complex64)))[:, np.newaxis]
     delays = np.exp(-2j * np.pi * np.outer(frequencies - middle, model.offsets) / rate)
-    delays *= weight[:, np.newaxis]
-    bases = [delays[:, kind].astype(np.complex64) for kind in model.kinds]
+    delays = delays * weight[..., np.newaxis]
+    bases = [delays[..., kind].astype(np.complex64) for kind in model.kinds]
     fits = [np.linalg.pinv(basis, rcond=1e-4) for basis in bases]
 
-    on_plane, on_plane_extra = elevation_factor(array, 0.0, distances, frequencies, attenuation)
     shape = len(y_grid), len(distances)
     taps = np.zeros((len(fits), *shape, n), dtype=np.complex64)
     further = np.zeros((len(model.later), *shape, n), dtype=np.complex64)
@@ -189,8 +192,8 @@ def _fitted(array: LinearArray, y_max: float, distance_max: float, attenuation: 
         weighted = np.square(factor / on_plane) * weight
         allowed = np.maximum(model.tolerance * _energy(weighted), _SILENT)
         for k in reversed(range(len(fits))):
-            coefficients = weighted @ fits[k].T
-            kinds[i, _energy(weighted - coefficients @ bases[k].T) <= allowed] = k
+            coefficients = _times(fits[k], weighted)
+            kinds[i, _energy(weighted - _times(bases[k], coefficients)) <= allowed] = k
             taps[k, i][:, model.kinds[k][:n]] = coefficients[:, :n]
             if coefficients.shape[1] > n:
                 groups = coefficients[:, n:].reshape(-1, len(further), n)
@@ -226,6 +229,15 @@ def _between_rows(
     for k, one in enumerate(further):
         more[k] = _refined(one.view(np.float32)) * (n_further > 0)[:, :, np.newaxis]
     return ElevationTaps(refined, n_taps, _refined(path), more, n_further, further_path)
+
+
+def _times(
+    matrices: npt.NDArray[np.complex64], vectors: npt.NDArray[np.complex64]
+) -> npt.NDArray[np.complex64]:
+    """Return each vector (n, k) times the matrix (m, k), or times its own of (n, m, k): (n, m)."""
+    if matrices.ndim == 2:
+        return np.asarray(vectors @ matrices.T)
+    return np.asarray((matrices @ vectors[:, :, np.newaxis])[:, :, 0])
 
 
 def _energy(spectra: npt.NDArray[np.complex64]) -> npt.NDArray[np.float32]:

@@ -88,7 +88,7 @@ def test_filter_of_a_tall_element_has_the_spectrum_of_the_factor_with_its_furthe
     (factor, extra), (on_plane, on_plane_extra) = both
     way = 2 * (extra - on_plane_extra) - taps.path[row, column]
     expected = (factor / on_plane)[0] ** 2 * np.exp(-2j * np.pi * f * way / c)
-    weight = np.abs(array.pulse_spectrum(f))
+    weight = np.abs(array.pulse_spectrum(f) * on_plane[0] ** 2)  # the echo on the plane, which is filtered
     errors = [
         np.linalg.norm((one - expected) * weight) / np.linalg.norm(expected * weight)
         for one in (ours, delays @ weights)
