@@ -7,7 +7,7 @@ x towards y, which is clockwise for somebody who looks down on the probe.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, field, fields
 from typing import Any, Self
 
@@ -68,9 +68,9 @@ class Limits:
         """Hold the values as whole numbers, or refuse them."""
         for name in (one.name for one in fields(self)):
             given = getattr(self, name)
-            is_pair = isinstance(given, Sequence) and not isinstance(given, str) and len(given) == 2
-            interval = tuple(whole_number(f"a limit of {name}", value) for value in given) if is_pair else ()
-            if not is_pair or interval[0] > interval[1]:
+            pair = tuple(given) if isinstance(given, Iterable) and not isinstance(given, str) else ()
+            interval = tuple(whole_number(f"a limit of {name}", value) for value in pair)
+            if len(interval) != 2 or interval[0] > interval[1]:
                 raise ValueError(f"the limits of {name} must be (low, high), not {given!r}.")
             object.__setattr__(self, name, interval)
 

@@ -59,6 +59,10 @@ def test_limits_are_checked(name):
     LIMITS.check(SETUP)
 
 
+def test_limits_may_be_a_list_or_an_array():
+    assert Limits(x_mm=[-5, 5]) == Limits(x_mm=np.array([-5, 5])) == Limits(x_mm=(-5, 5))
+
+
 @pytest.mark.parametrize("given", [5, None, "05", (1,), (1, 2, 3)])
 def test_limits_that_are_no_pair_are_refused(given):
     with pytest.raises(
