@@ -451,3 +451,19 @@ def test_unknown_format_is_refused(tmp_path):
 def test_hollow_points_are_explained_where_there_are_any(n_seeds, said):
     known = made(*seeds("vpg", [0.5, 0.6][:n_seeds]), *seeds("ppo", [0.7, 0.8][:n_seeds]))
     assert ("hollow" in comparison.improvement(known).axes[0].get_xlabel()) == said
+
+
+def test_figures_of_one_seed_each_name_no_interval():
+    words = {
+        n_seeds: [
+            figure.get_suptitle() or figure.axes[0].get_title()
+            for name, figure in comparison.draw(
+                made(*seeds("vpg", [0.5] * n_seeds), trial("oracle", 1.0))
+            ).items()
+            if name in ("scores", "learning_curves", "performance_profiles")
+        ]
+        for n_seeds in (1, 2)
+    }
+    assert len(words[1]) == len(words[2]) == 3
+    assert all("one seed each" in text and "bootstrap" not in text for text in words[1]), words[1]
+    assert all("95 % bootstrap" in text and "one seed" not in text for text in words[2]), words[2]

@@ -119,7 +119,7 @@ def final_scores(known: Results) -> Figure | None:
         axis.set_xlim(0, max(score_axis.HIGHEST, rows["normalized_score"].max() + 0.03))
     _line_legend(figure, list(panels), table)
     figure.suptitle(
-        "IQM over seeds with 95 % bootstrap interval; circles are single seeds,\n"
+        f"{_over_seeds(rows, 'interval; circles are single seeds')},\n"
         "an arrow and a number stand for what lies below 0",
         fontsize=style.TEXT,
     )
@@ -165,7 +165,7 @@ def learning_curves(known: Results, table: pd.DataFrame, over: str = "step") -> 
     ranked = _ranked(known, final[final["agent"].isin(set(handles))])
     _line_legend(figure, list(panels), final, {agent: handles[agent] for agent in ranked})
     figure.suptitle(
-        f"{SCORED} actions: IQM over seeds with 95 % bootstrap band;\n"
+        f"{SCORED} actions: {_over_seeds(final[final['agent'].isin(set(handles))], 'band')};\n"
         "an arrow stands for a score below 0, a grey square for those of several agents, with their number",
         fontsize=style.TEXT,
     )
@@ -198,7 +198,10 @@ def performance_profiles(known: Results) -> Figure | None:
     axis.set_ylim(0, 1.03)
     axis.set_xlabel(f"threshold of the {SCORE}")
     axis.set_ylabel("share of trials above it")
-    axis.set_title(f"Performance profiles, 95 % bootstrap band\n{cells}", fontsize=style.TEXT)
+    band = (
+        ", 95 % bootstrap band" if any(len(matrix) > 1 for matrix in matrices.values()) else ", one seed each"
+    )
+    axis.set_title(f"Performance profiles{band}\n{cells}", fontsize=style.TEXT)
     style.legend(figure, *axis.get_legend_handles_labels())
     return figure
 
@@ -233,6 +236,12 @@ def improvement(known: Results) -> Figure | None:
 def _final(known: Results) -> pd.DataFrame:
     """Return a row for every finished trial: its last evaluation, its names."""
     return scores.last(known).merge(named(known.trials), on="trial")
+
+
+def _over_seeds(final: pd.DataFrame, spread: str) -> str:
+    """Return what the values of a figure are: with their `spread`, or of one seed each, which has none."""
+    several = final.groupby(["agent", *scores.CELL]).size().max() > 1
+    return f"IQM over seeds with 95 % bootstrap {spread}" if several else "one seed each, without intervals"
 
 
 def _ranked(known: Results, final: pd.DataFrame) -> list[str]:
