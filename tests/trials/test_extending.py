@@ -14,6 +14,7 @@ from usbench.agents import plugins, zoo
 from usbench.agents.rows.entry import NEEDS, Entry
 from usbench.envs.pose import Pose
 from usbench.envs.tasks.examination import EXAMINATION
+from usbench.setting import Setting
 from usbench.trials import knowledge
 from usbench.trials.configuration import resolve
 from usbench.trials.model_loading import load_agent
@@ -44,6 +45,16 @@ def the_code(part):
 def the_trial(here):
     (folder,) = records.trial_folders(here / "runs")
     return folder
+
+
+def test_an_algorithm_that_refuses_the_environment_is_refused_before_any_frame(tmp_path, monkeypatch, caplog):
+    monkeypatch.setattr(Setting, "prepare_frames", lambda *_: pytest.fail("frames were simulated"))
+    config = resolve("stable_baselines3:SAC", "pp", steps=64)
+    with pytest.raises(records.TrialError, match=r"failed: AssertionError: .* Discrete\(5\) was provided"):
+        run_trial(config, tmp_path, rehearse=True)
+    assert not caplog.records
+    (folder,) = records.trial_folders(tmp_path)
+    assert records.Trial.read(folder).status == "failed"
 
 
 def test_the_pages_classes_are_short():

@@ -18,7 +18,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 from usbench.agents import model_state, zoo
 from usbench.agents.vec_env import SB3VecEnv
 from usbench.envs.observation import senses
-from usbench.records import EPISODES, EVALUATIONS, Trial, checksums
+from usbench.records import EPISODES, EVALUATIONS, Trial, TrialConfig, checksums
 from usbench.records.journal import Journal
 from usbench.setting import Setting
 from usbench.trials import interruption, knowledge
@@ -45,6 +45,13 @@ def make_agent(setting: Setting, algo: str, env: Any, seed: int, hyperparameters
     if getattr(model_class, "takes_model", False):
         kwargs["model"] = knowledge.scene_model(setting)
     return zoo.make(algo, env, seed, hyperparameters, **kwargs)
+
+
+def check_agent(setting: Setting, config: TrialConfig) -> None:
+    """Make an agent of another package and throw it away: it may refuse the environment, before any frame."""
+    if not zoo.is_of_the_package(config.algo):
+        _, env = recorded(setting, config.n_envs, lambda facts: None)
+        make_agent(setting, config.algo, env, seeds_of(config.seed, config.algo)[1], config.hyperparameters)
 
 
 class Learning:

@@ -28,7 +28,7 @@ from usbench.trials.configuration import versions
 from usbench.trials.evaluation import Evaluator, explores
 from usbench.trials.finished import find_finished
 from usbench.trials.glibc_memory import keep_freed
-from usbench.trials.learning import Learning, heard_once, make_agent
+from usbench.trials.learning import Learning, check_agent, heard_once, make_agent
 from usbench.trials.resume_files import ResumeFiles, interval
 from usbench.trials.stopwatch import Stopwatch
 from usbench.words import in_one_line
@@ -160,6 +160,8 @@ class _Run:
         try:
             self._write()
             with self.stopwatch.timed("total_s"):
+                if not goes_on:
+                    check_agent(self.setting, self.config)
                 self._frames()
                 if rehearse and not goes_on:
                     self._rehearse()
