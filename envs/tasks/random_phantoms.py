@@ -4,6 +4,10 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, ClassVar
 
+import gymnasium as gym
+import numpy as np
+import numpy.typing as npt
+
 from usbench.envs.field.response_table import keep_tables
 from usbench.envs.frames import keep_stores
 from usbench.envs.guidance import GuidanceEnv
@@ -67,6 +71,16 @@ class RandomPhantomEnv(GuidanceEnv):
         self.target = self.phantom.target
         self._frames = None
         super().start(options=chosen)
+
+    def state_rewards(self) -> npt.NDArray[np.float64]:
+        """Return the reward of every state with the phantom of this episode, as in `GuidanceEnv`.
+
+        Raises:
+            gymnasium.error.ResetNeeded: Before the first reset, which draws the phantom.
+        """
+        if self._pose is None:
+            raise gym.error.ResetNeeded("call reset() first: there is no phantom before.")
+        return super().state_rewards()
 
     def _checked(self, options: Mapping[str, Any] | None) -> dict[str, Any]:
         if not isinstance(options, Mapping) or "phantom" not in options:

@@ -127,3 +127,13 @@ def test_a_refused_reset_leaves_the_episode_as_it_is():
             env.reset(seed=99, options=options)
     assert (env.phantom, env.target, env.pose) == before
     assert env.np_random.bit_generator.state == stream and env.np_random_seed == 0
+
+
+def test_rewards_of_all_states_are_those_of_the_episodes_phantom(coded):
+    env = ProbePlaneRandomEnv()
+    with pytest.raises(gym.error.ResetNeeded, match="no phantom before"):
+        env.state_rewards()
+    for seed in (3, 4):
+        env.reset(seed=seed)
+        best = env.task.states[int(env.state_rewards().argmax())]
+        assert (best.x_mm, best.angle_deg % 180) == (env.target.x_mm, env.target.angle_deg % 180)
