@@ -43,6 +43,6 @@ def load(place: str) -> object:
         )
     try:
         return getattr(importlib.import_module(module), name)
-    except Exception as error:  # whatever a stranger's module does while it is imported
+    except (Exception, SystemExit) as error:  # whatever a stranger's module does while it is imported
         reason = in_one_line(error, with_type=True)
         raise ValueError(f"the algorithm {place!r} cannot be imported ({reason}).") from error

@@ -243,6 +243,17 @@ def model_class(algo: str) -> Any:
     return _resolved(entry(algo).cls)
 
 
+def modules(algo: str) -> list[str]:
+    """The modules with the code of `algo`: of its class and, from another package, of its row and network."""
+    found = {model_class(algo).__module__}
+    if not is_of_the_package(algo):
+        plain, _ = network_apart(algo)
+        said = (plugins.registered(ZOO).get(plain, plain), *entry(algo).policy_kwargs.values())
+        found |= {one.__module__ for one in said if isinstance(one, type)}
+        found |= {one.partition(":")[0] for one in said if isinstance(one, str) and ":" in one}
+    return sorted(found)
+
+
 def _resolved(value: Any) -> Any:
     """What the text "module:name" stands for, also inside a mapping; anything else unchanged."""
     if isinstance(value, Mapping):

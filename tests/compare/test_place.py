@@ -103,3 +103,16 @@ def test_commands_write_the_leaderboard_that_is_named_and_say_what_it_loses(boar
 def test_a_leaderboard_of_what_is_finished_needs_a_folder_of_trials(board, capsys):
     assert cli.main([*COMPARE, "--report-only", "--out", "nothere"]) == 2
     assert "'nothere'" in capsys.readouterr().err and not Path("nothere").exists()
+
+
+def test_a_trial_that_left_the_tables_and_comes_back_loses_its_test(board):
+    folder = Path("old")
+    folder.mkdir()
+    one, other = made(*seeds("vpg", [0.4])), made(*seeds("ppo", [0.5]))
+    tables.write(one, folder)
+    name = one.trials["trial"][0]
+    row = {**dict.fromkeys(held_out.COLUMNS, 1.0), "trial": name, "task": "fp-random"}
+    held_out.write(pd.DataFrame([row]), folder)
+    runs.write_tables(other, folder)
+    runs.write_tables(made(*seeds("vpg", [0.2])), folder)
+    assert held_out.read(folder).empty

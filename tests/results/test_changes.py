@@ -65,3 +65,8 @@ def test_a_longer_training_is_compared_with_the_shorter_one_of_the_same_seed():
 @pytest.mark.parametrize("varied", ["n_frames", "steps"])
 def test_trials_that_differ_in_more_than_that_are_not_compared(varied):
     assert changes(results(("vpg", 1, 0, 0.5, 64), ("vpg", 4, 0, 0.5, 128)), varied).empty
+
+
+def test_another_setting_is_refused():
+    with pytest.raises(ValueError, match="unknown varied 'gamma': allowed are 'n_frames', 'steps'"):
+        changes(results(("vpg", 1, 0, 0.5)), "gamma")

@@ -30,3 +30,15 @@ def test_a_table_of_studies_without_a_column_is_refused(tmp_path):
 def test_a_folder_that_is_not_there_is_refused(tmp_path):
     with pytest.raises(ConfigurationError, match="there is no folder"):
         sources.gather([tmp_path / "nowhere"])
+
+
+def test_two_trials_of_one_name_are_refused(tmp_path):
+    for number, one in enumerate((trial("vpg", trial="x"), trial("ppo", trial="x"))):
+        tables.write(made(one), tmp_path / str(number))
+    with pytest.raises(ConfigurationError, match="x is the name of two trials with different settings"):
+        sources.gather([tmp_path / "0", tmp_path / "1"])
+
+
+def test_no_source_is_refused():
+    with pytest.raises(ConfigurationError, match="name a folder of trials"):
+        sources.gather([])

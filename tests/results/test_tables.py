@@ -73,6 +73,7 @@ def test_broken_table_is_refused(tmp_path, text):
 @pytest.mark.parametrize(
     ("column", "value", "said"),
     [
+        ("task", "mine", "a has the task 'mine', which no installed package brings"),
         ("status", "done", "a has the status 'done', not one of running, interrupted"),
         ("settings", "", "a has settings that no trial has, ''"),
         ("settings", "[1]", "a has settings that no trial has, '.1.'"),
@@ -84,6 +85,13 @@ def test_trial_of_a_table_that_cannot_be_is_refused(tmp_path, column, value, sai
     known = made(trial(trial="a"))
     tables.write(dataclasses.replace(known, trials=known.trials.assign(**{column: value})), tmp_path)
     with pytest.raises(ValueError, match=rf"trials\.csv is not a table of results: {said}"):
+        tables.read(tmp_path)
+
+
+def test_trial_that_is_there_twice_is_refused(tmp_path):
+    known = made(trial(trial="a"))
+    tables.write(dataclasses.replace(known, trials=pd.concat([known.trials] * 2)), tmp_path)
+    with pytest.raises(ValueError, match=r"trials\.csv is not a table of results: a is there twice"):
         tables.read(tmp_path)
 
 

@@ -14,6 +14,7 @@ from usbench.agents import plugins, zoo
 from usbench.agents.rows.entry import NEEDS, Entry
 from usbench.envs.pose import Pose
 from usbench.envs.tasks.examination import EXAMINATION
+from usbench.records import checksums
 from usbench.setting import Setting
 from usbench.trials import knowledge
 from usbench.trials.configuration import resolve
@@ -40,6 +41,33 @@ def the_code(part):
         code for code in re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL) if part in code
     )
     return code
+
+
+LATE = """
+class Late(Counter):
+    learned = 0
+
+    def learn(self, total_timesteps):
+        super().learn(total_timesteps)
+        self.learned = 3
+
+    def predict(self, observations, *_, **__):
+        return np.full(len(observations), self.learned), None
+"""
+IMPATIENT = """
+class Impatient(Counter):
+    def learn(self, total_timesteps):
+        for step in range(total_timesteps):
+            if step % 24 == 0:
+                self.env.reset()
+            self.env.step([0])
+"""
+
+
+def add(here, code):
+    """Add a class to the page's mine.py."""
+    with (here / "mine.py").open("a") as file:
+        file.write(f"\n{code}")
 
 
 def the_trial(here):
@@ -279,6 +307,40 @@ def test_a_finished_trial_whose_code_has_changed_since_is_shown_with_a_warning(h
     assert said not in capsys.readouterr().out.splitlines()
 
 
+def test_a_row_whose_own_network_has_changed_is_other_code(here, monkeypatch):
+    monkeypatch.syspath_prepend(here)
+    (here / "network.py").write_text(the_code("class Nature"))
+    found = zoo.modules("network:NaturePPO")
+    assert found == ["network", "usbench.agents.on_policy"]
+    before = checksums.of_modules(found)
+    (here / "network.py").write_text(the_code("class Nature").replace("features_dim=128", "features_dim=32"))
+    assert before != checksums.of_modules(found) != ""
+    sys.modules.pop("network")
+
+
+def test_what_is_learned_after_the_last_step_is_evaluated(here, monkeypatch):
+    monkeypatch.syspath_prepend(here)
+    add(here, LATE)
+    folder = run_trial(resolve("mine:Late", "pp", steps=64), here / "runs").folder
+    played = records.load(folder)
+    actions = {step: {str(own) for own in rows["actions"]} for step, rows in played.groupby("step")}
+    assert actions[64] == {str(played["actions"].iloc[-1])} and actions[64].isdisjoint(actions[32])
+
+
+def test_steps_are_counted_where_an_agent_begins_episodes_by_itself(here, monkeypatch):
+    monkeypatch.syspath_prepend(here)
+    add(here, IMPATIENT)
+    folder = run_trial(resolve("mine:Impatient", "pp", steps=96), here / "runs").folder
+    assert list(records.load(folder, "episodes")["step"]) == [16, 40, 64, 88]
+
+
+def test_a_save_that_finds_no_folder_costs_the_model_alone(here, monkeypatch, caplog):
+    monkeypatch.syspath_prepend(here)
+    folder, files = run_saving(here, "np.save(path / 'sums.npy', np.arange(3))")
+    assert files == set() and read_state(folder)["status"] == "finished"
+    assert "Saving.save failed (FileNotFoundError" in caplog.text
+
+
 @pytest.mark.parametrize("logger", ["None", "logging.getLogger('mine')"])
 def test_agent_has_the_logger_that_it_likes(here, monkeypatch, logger):
     monkeypatch.syspath_prepend(here)
@@ -323,6 +385,13 @@ def test_what_is_no_algorithm_is_refused_in_one_sentence(here, capsys, algo, sai
     assert cli.main(["run", "--algo", algo, *SHORT]) == 2
     error = capsys.readouterr().err
     assert said in error and error.count("\n") == 1
+
+
+def test_module_that_ends_the_program_is_refused_in_one_sentence(here, capsys):
+    (here / "quits.py").write_text("import sys\n\nsys.exit()\n")
+    assert cli.main(["run", "--algo", "quits:Agent", *SHORT]) == 2
+    error = capsys.readouterr().err
+    assert "'quits:Agent' cannot be imported (SystemExit" in error and error.count("\n") == 1
 
 
 def test_broken_module_is_refused_in_one_sentence(here, capsys):

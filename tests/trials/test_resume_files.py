@@ -143,7 +143,7 @@ def test_nothing_that_a_checkpoint_holds_is_kept_while_the_training_goes_on(kill
 def test_checkpoint_of_other_circumstances_is_not_gone_on_from(killed, caplog, monkeypatch):
     monkeypatch.setattr(learning, "machine", lambda: {"processor": "abacus"})
     monkeypatch.setattr(runner, "versions", lambda: {"python": "3.11", "usbench": "0.0.1"})
-    monkeypatch.setattr(checksums, "of_source", lambda _: "edited")
+    monkeypatch.setattr(checksums, "of_modules", lambda _: "edited")
     assert go_on(killed) == FIRST_TOLD
     assert "differs in versions and processor and code" in caplog.text
 

@@ -83,3 +83,11 @@ def test_finished_trial_is_not_followed_again(quick, tmp_path, monkeypatch):
         monkeypatch.setitem(sys.modules, "wandb", sys if needed else None)
         assert cli.main([*RUN, "--out", str(tmp_path), *more]) == 0
         assert len(followed) == count
+
+
+def test_a_folder_that_weights_and_biases_left_is_not_weights_and_biases(tmp_path, monkeypatch):
+    (tmp_path / "wandb").mkdir()
+    monkeypatch.setattr(sys, "path", [str(tmp_path)])
+    monkeypatch.delitem(sys.modules, "wandb", raising=False)
+    with pytest.raises(ConfigurationError, match="is not installed"):
+        wandb_run.check_installed()

@@ -77,7 +77,10 @@ def _would_lose(board: Path, out: Path, names: Iterable[str], with_studies: bool
 
 
 def write_tables(known: Results, folder: Path) -> None:
-    """Write the tables of a leaderboard, and forget tests and marks of trials that were trained anew."""
+    """Write the tables of a leaderboard, and forget tests and marks of trials that were trained anew.
+
+    A trial that the tables before did not have may have left them once, and come back with other numbers.
+    """
     with locked(folder / tables.TRIALS):
         try:
             before = tables.read(folder)
@@ -85,6 +88,7 @@ def write_tables(known: Results, folder: Path) -> None:
             before = None
         if before is not None:
             anew = [one.trial for one in additions.repeated(before, known)[1]]
+            anew += sorted(set(known.trials["trial"]) - set(before.trials["trial"]))
             held_out.forget(folder, anew)
             additions.mark_unverified(folder, anew, ())
         tables.write(known, folder)

@@ -21,8 +21,8 @@ SHOWN_PX = 736
 WIDTH = SHOWN_PX / 96
 # Points, 9.3 and 10.7 CSS pixels.
 SMALL, TEXT = 7, 8
-# Inches that a line with its marker takes, and a letter of its label.
-LEGEND_HANDLE, LEGEND_LETTER = 0.75, 0.07
+# Inches that a line with its marker takes, beside its label and the room between columns.
+LEGEND_HANDLE = 0.75
 # How long the line is, in heights of a letter: long enough to show its dashes beside the marker.
 LEGEND_LINE = 3.4
 
@@ -58,8 +58,8 @@ def panels(
 
 def legend(figure: Figure, handles: Sequence[Any], labels: Sequence[str]) -> None:
     """Draw one legend for all panels, below them, in as many columns as fit."""
-    longest = max(map(len, labels), default=0)
-    fitting = int(figure.get_figwidth() / (LEGEND_HANDLE + LEGEND_LETTER * longest))
+    longest = max(map(partial(_inches, size=TEXT), labels), default=0.0)
+    fitting = int(figure.get_figwidth() / (LEGEND_HANDLE + longest))
     ncols = max(min(len(labels), fitting, 5), 1)
     figure.legend(
         handles, labels, loc="outside lower center", ncols=ncols, fontsize=TEXT, handlelength=LEGEND_LINE

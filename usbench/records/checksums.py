@@ -1,6 +1,7 @@
 """Checksums of records, so that what was damaged after a trial is not taken for what it wrote."""
 
 import hashlib
+import importlib
 import inspect
 import json
 from collections.abc import Iterable, Mapping
@@ -14,11 +15,7 @@ MEND = "bring it back, or remove the folder {} to run the trial again."
 
 def of(folder: Path, names: Iterable[str]) -> dict[str, str]:
     """Return the SHA-256 of the files `names` in `folder`."""
-    found = {}
-    for name in names:
-        with (folder / name).open("rb") as file:
-            found[name] = hashlib.file_digest(file, "sha256").hexdigest()
-    return found
+    return {name: _of_file(folder / name) for name in names}
 
 
 def of_state(state: Mapping[str, Any]) -> str:
@@ -26,12 +23,18 @@ def of_state(state: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(state, sort_keys=True).encode()).hexdigest()
 
 
-def of_source(cls: type) -> str:
-    """Return a checksum of the module of `cls`, empty where it has no source: who works on it starts anew."""
+def of_modules(names: Iterable[str]) -> str:
+    """Return a checksum of the files of modules, empty where one has none: who works on them starts anew."""
     try:
-        return hashlib.sha256(Path(inspect.getfile(cls)).read_bytes()).hexdigest()
+        found = [_of_file(Path(inspect.getfile(importlib.import_module(name)))) for name in names]
     except (OSError, TypeError):
         return ""
+    return found[0] if len(found) == 1 else hashlib.sha256("".join(found).encode()).hexdigest()
+
+
+def _of_file(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def check(folder: Path, expected: Mapping[str, str]) -> None:

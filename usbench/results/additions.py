@@ -69,7 +69,7 @@ def add(known: Results, added: Results, *, replace: bool = False) -> Addition:
     kept = [*same, *(() if replace else (one.trial for one in other))]
     rest = _others(added, known.trials[known.trials["trial"].isin(kept)])
     results = joined(known, rest)
-    _check_names(results.trials)
+    check_names(results.trials)
     own = _named(results.trials)
     own = own[own["trial"].isin(added.trials["trial"]) & (own["agent"] != own["algo"])]
     new = list(rest.trials.loc[rest.trials["status"] == "finished", "trial"])
@@ -94,10 +94,12 @@ def repeated(known: Results, added: Results) -> tuple[list[str], list[Difference
     same: list[str] = []
     other: list[Difference] = []
     final = [scores.last(each).set_index("trial")["normalized_score"] for each in (known, added)]
-    for name, name_added in both[["trial", "trial_added"]].itertuples(index=False, name=None):
+    curves = [dict(list(each.curves.groupby("trial"))) for each in (known, added)]
+    for names in both[["trial", "trial_added"]].itertuples(index=False, name=None):
+        name, name_added = names
         one, two = (
-            table[table["trial"] == trial].drop(columns="trial").reset_index(drop=True)
-            for table, trial in ((known.curves, name), (added.curves, name_added))
+            own[trial].drop(columns="trial").reset_index(drop=True)
+            for own, trial in zip(curves, names, strict=True)
         )
         if one.equals(two):
             same.append(name)
@@ -126,11 +128,11 @@ def _check_seeds(new: pd.DataFrame) -> None:
             raise ConfigurationError(f"{trial} cannot be added: {error}") from None
 
 
-def _check_names(trials: pd.DataFrame) -> None:
+def check_names(trials: pd.DataFrame) -> None:
     """Raise ConfigurationError if two trials have one name."""
     for name in trials.loc[trials["trial"].duplicated(), "trial"]:
         raise ConfigurationError(
-            f"{name} cannot be added: another trial of the tables has this name. Rename its folder."
+            f"{name} is the name of two trials with different settings: rename the folder of one."
         )
 
 

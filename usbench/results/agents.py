@@ -29,8 +29,9 @@ def named(trials: pd.DataFrame) -> pd.DataFrame:
 
     An agent is named after its algorithm. Where trials of an algorithm on one task have several settings, in
     one cell or with other noise, the settings that fill most cells keep the name. Of several such it is those
-    of the table of algorithms, then those with most finished trials: whoever adds trials with other settings,
-    however many, does not take the name. Other settings are named by what differs from these, for example
+    that are most like what the command itself takes (steps, hyperparameters, frames, environments, senses),
+    then those with most finished trials: whoever adds trials with other settings, however many, does not take
+    the name. Other settings are named by what differs from these, for example
     "vpg gamma=0.9". Of settings that are equal in all this, none keeps the name. The paper's tasks count
     apart from others.
     """

@@ -42,9 +42,9 @@ def read(folder: Path) -> pd.DataFrame:
 
 def write(tested: pd.DataFrame, folder: Path) -> None:
     """Write the tests into `folder`."""
-    text = tested.sort_values("trial").round(DECIMALS).to_csv(index=False, lineterminator="\n")
+    rows = tested.sort_values("trial").round(DECIMALS).to_csv(index=False, lineterminator="\n")
     with atomic_file(folder / TABLE) as file:
-        file.write(text.encode())
+        file.write(rows.encode())
 
 
 def forget(folder: Path, trials: Collection[str]) -> list[str]:

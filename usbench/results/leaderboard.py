@@ -187,8 +187,8 @@ def markdown(
 
 def _never_seen(known: Results, tested: pd.DataFrame | None) -> list[str]:
     """Return the section of what agents of the grid reach on unseen phantoms."""
-    unseen = pd.DataFrame() if tested is None else held_out.table(further.first(known), tested)
-    return [] if unseen.empty else ["## Unseen phantoms", held_out.section(unseen)]
+    found = pd.DataFrame() if tested is None else held_out.table(further.first(known), tested)
+    return [] if found.empty else ["## Unseen phantoms", held_out.section(found)]
 
 
 def _people(studied: pd.DataFrame | None) -> list[str]:

@@ -30,8 +30,13 @@ def gather(paths: Sequence[Path], damaged: Callable[[str], None] | None = None) 
             it, a broken record is an error.
 
     Raises:
-        ConfigurationError: If one of `paths` is no folder, or records in it are broken.
+        ConfigurationError: If there is none, one of `paths` is no folder, records in it are broken, or two
+            different trials have one name.
     """
+    if not paths:
+        raise ConfigurationError(
+            "there is nothing to read: name a folder of trials, a trial, or a folder of tables."
+        )
     chosen: dict[Path, set[str] | None] = {}  # folder of trials -> names of trials, None for all
     found = []
     try:
@@ -53,7 +58,9 @@ def gather(paths: Sequence[Path], damaged: Callable[[str], None] | None = None) 
         for folder in (folder for folder, names in chosen.items() if names is None):
             for other in records.without_record(folder):
                 damaged(f"{other} has no {records.TRIAL}.")
-    return functools.reduce(additions.joined, found)
+    known = functools.reduce(additions.joined, found)
+    additions.check_names(known.trials)
+    return known
 
 
 def folder_of(path: Path) -> Path:

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from usbench.checks import whole_number
+
 Array = npt.NDArray[np.float64]
 
 LEVEL = 0.95
@@ -114,13 +116,12 @@ def stratified_bootstrap(
         whole_seeds: Resample rows of the matrices, the same seeds for all tasks.
 
     Raises:
-        TypeError: If `generator` is not a NumPy generator.
+        TypeError: If `generator` is not a NumPy generator, or `n_resamples` no number.
         ValueError: If a matrix holds NaN, is empty or has another shape, or a setting is out of its range.
     """
     if not isinstance(generator, np.random.Generator):
         raise TypeError(f"generator must be a numpy.random.Generator, not {type(generator).__name__}.")
-    if not n_resamples >= 1:
-        raise ValueError(f"n_resamples must be at least 1, not {n_resamples!r}.")
+    n_resamples = whole_number("n_resamples", n_resamples, 1)
     matrices = [_single(matrix) for matrix in scores]
     resampled = metric(*(_resample(matrix, n_resamples, generator, whole_seeds) for matrix in matrices))
     return percentiles(metric(*matrices), resampled, level)

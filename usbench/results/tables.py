@@ -20,6 +20,7 @@ from usbench.atomic import atomic_file
 from usbench.records import TrialConfig
 from usbench.records.journal import UNREADABLE
 from usbench.records.trial import Status
+from usbench.tasks import rows
 from usbench.words import in_one_line
 
 TRIALS, CURVES = "trials.csv", "curves.csv"
@@ -96,13 +97,15 @@ def read(folder: Path) -> Results:
 
     Raises:
         FileNotFoundError: If `folder` does not hold the two tables.
-        ValueError: If a table lacks a column or holds something else than it should, or the curves lack the
-            greedy evaluations of a finished trial.
+        ValueError: If a table lacks a column or holds something else than it should, as a trial twice, or the
+            curves lack the greedy evaluations of a finished trial.
     """
     results = Results(_read(folder / TRIALS, TRIAL_COLUMNS), _read(folder / CURVES, CURVE_COLUMNS))
+    for name in results.trials.loc[results.trials["trial"].duplicated(), "trial"]:
+        raise ValueError(f"{folder / TRIALS} is not a table of results: {name} is there twice.")
     evaluated = set(results.curves.loc[results.curves["kind"] == GREEDY, "trial"])
     for trial in results.trials.itertuples():
-        if reason := _misfit(trial.status, trial.settings):
+        if reason := _misfit(trial.task, trial.status, trial.settings):
             raise ValueError(f"{folder / TRIALS} is not a table of results: {trial.trial} has {reason}.")
         if trial.status == "finished" and trial.trial not in evaluated:
             raise ValueError(
@@ -112,8 +115,10 @@ def read(folder: Path) -> Results:
     return results
 
 
-def _misfit(status: str, settings: str) -> str:
-    """Return which of these a trial cannot have, in words; "" if it can have both."""
+def _misfit(task: str, status: str, settings: str) -> str:
+    """Return which of these a trial cannot have, in words; "" if it can have all."""
+    if task not in rows():
+        return f"the task {task!r}, which no installed package brings"
     if status not in STATUSES:
         return f"the status {status!r}, not one of {', '.join(STATUSES)}"
     try:

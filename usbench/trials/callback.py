@@ -92,7 +92,7 @@ class TrainingWatch(BaseCallback):
         self._evaluator, self._score, self._progress = evaluator, score, progress
         self._episodes, self._evaluations = episodes, evaluations
         self._boundary = boundary
-        self._count, self._recorded_steps = 0, 0
+        self._count = 0
         self._recent: deque[float] = deque(maxlen=RECENT_EPISODES)
         self._unaware: Any = None
 
@@ -101,7 +101,6 @@ class TrainingWatch(BaseCallback):
         return {
             "due": list(self._due),
             "count": self._count,
-            "recorded_steps": self._recorded_steps,
             "recent": list(self._recent),
             "seconds": self.seconds,
         }
@@ -109,23 +108,21 @@ class TrainingWatch(BaseCallback):
     def put_back(self, state: dict[str, Any]) -> None:
         """Go on counting from what `state` gave."""
         self._due, self.seconds = state["due"], state["seconds"]
-        self._count, self._recorded_steps = state["count"], state["recorded_steps"]
+        self._count = state["count"]
         self._recent.extend(state["recent"])
 
     def on_episode(self, facts: dict[str, Any]) -> None:
         """Journal one training episode."""
-        facts = dict(facts)
-        self._recorded_steps += len(facts.pop("actions"))
-        # Of environments in step, the steps of all count.
-        step = facts.pop("step", self._recorded_steps)
-        episode = Episode(episode=self._count, step=step, **facts)
-        self._episodes.append([episode.as_row()])
+        row = {name: value for name, value in facts.items() if name != "actions"}
+        self._episodes.append([Episode(episode=self._count, **row).as_row()])
         self._count += 1
         self._recent.append(facts["return_"])
         if self._unaware is not None:
-            self.num_timesteps = self._recorded_steps
+            self.num_timesteps = facts["step"]
             self._tell()
-            self.evaluate_due(self._unaware)
+            # After its last step it may still learn.
+            if self.num_timesteps < self._steps:
+                self.evaluate_due(self._unaware)
 
     def from_outside(self, agent: Any) -> None:
         """Watch an agent that knows no callback: now, and whenever an episode ends."""

@@ -18,7 +18,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 from usbench.agents import model_state, zoo
 from usbench.agents.vec_env import SB3VecEnv
 from usbench.envs.observation import senses
-from usbench.records import EPISODES, EVALUATIONS, Trial, TrialConfig, checksums
+from usbench.records import EPISODES, EVALUATIONS, Trial, TrialConfig
 from usbench.records.journal import Journal
 from usbench.setting import Setting
 from usbench.trials import interruption, knowledge
@@ -107,7 +107,7 @@ class Learning:
             self.agent = make_agent(setting, config.algo, vec_env, agent_seed, config.hyperparameters)
             # After the agent was made: SB3 hands its own seed to the environment there.
             vec_env.seed(env_seed)
-            self._made_by = _made_by(trial, self.agent)
+            self._made_by = _made_by(trial)
             # Only now: what was opened for a start that fails is closed.
             self._held = held.pop_all()
 
@@ -197,7 +197,7 @@ class Learning:
         resume_files.write(self.agent.num_timesteps, content)
 
 
-def _made_by(trial: Trial, agent: Any) -> dict[str, Any]:
+def _made_by(trial: Trial) -> dict[str, Any]:
     """Return what must be the same for the bits to be the same."""
     return {
         "versions": dict(trial.versions),
@@ -206,14 +206,17 @@ def _made_by(trial: Trial, agent: Any) -> dict[str, Any]:
         "configuration": trial.config.hash,
         # Not of the training's bits, but of the records that go on.
         "evaluation_points": list(trial.evaluation_points),
-        "code": checksums.of_source(type(agent)),
+        "code": trial.code,
     }
 
 
 def recorded(setting: Setting, n_envs: int, report: Report) -> tuple[Recorder | VectorRecorder, VecEnv]:
-    """Return what records the episodes of `n_envs` environments, and the environments as SB3 takes them."""
+    """Return what records the episodes of `n_envs` environments, and the environments as SB3 takes them.
+
+    Each report has `step` too: how many steps all environments have made.
+    """
     if n_envs == 1:
-        recorder = Recorder(setting.make_env(), report)
+        recorder = Recorder(setting.make_env(), lambda facts: report({**facts, "step": recorder.n_steps}))
         return recorder, DummyVecEnv([lambda: recorder])
     envs = SB3VecEnv(setting.make_vec_env(n_envs, autoreset_mode=AutoresetMode.SAME_STEP))
     together = VectorRecorder(envs, report)

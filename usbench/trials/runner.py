@@ -1,6 +1,7 @@
 """One trial = (algorithm, task, noise, seed): prepare frames, train, evaluate, record."""
 
 import contextlib
+import errno
 import gc
 import logging
 import platform
@@ -98,7 +99,7 @@ def run_trial(
     if finished is not None:  # what a process left that was killed in its last moment
         ResumeFiles(folder, seconds).clear()
     # Trials of earlier versions have recorded no code.
-    codes = ("", checksums.of_source(zoo.model_class(config.algo)))
+    codes = ("", checksums.of_modules(zoo.modules(config.algo)))
     return Result(folder, finished is not None, finished is not None and finished.code not in codes)
 
 
@@ -149,7 +150,7 @@ class _Run:
             versions=dict(versions()),
             platform=platform.platform(),
             started=datetime.now(UTC).isoformat(timespec="seconds"),
-            code=checksums.of_source(zoo.model_class(config.algo)),
+            code=checksums.of_modules(zoo.modules(config.algo)),
         )
 
     def run(self, *, anew: bool, rehearse: bool) -> None:
@@ -272,7 +273,8 @@ class _Run:
             self._save_model()
         except (Exception, SystemExit) as error:  # whatever an algorithm of another package does
             # A full disk is no fault of the agent: with room on it, the trial goes on.
-            if zoo.is_of_the_package(self.config.algo) or isinstance(error, OSError):
+            disk = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EIO)
+            if disk or zoo.is_of_the_package(self.config.algo):
                 raise
             self._tell_unsaved(error)
 

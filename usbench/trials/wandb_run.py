@@ -18,8 +18,9 @@ def check_installed() -> None:
     Raises:
         ConfigurationError: If it is not.
     """
-    # Looked for and not imported, which takes seconds.
-    if find_spec("wandb") is None:
+    # Looked for and not imported, which takes seconds. A folder of that name, as W&B leaves, has no origin.
+    spec = find_spec("wandb")
+    if spec is None or spec.origin is None:
         raise ConfigurationError(
             f"Weights & Biases, which is to follow the trial, is not installed: {install('wandb')}."
         )

@@ -5,8 +5,9 @@ import json
 import numpy as np
 import pandas as pd
 
+from usbench.checks import unknown
 from usbench.results.scores import score_of, value_based
-from usbench.results.tables import GREEDY, SAMPLED, Results
+from usbench.results.tables import GREEDY, SAMPLED, Results, n_frames
 
 # With which of several values the others are compared.
 _COMPARED_WITH = {"n_frames": max, "steps": min}
@@ -28,7 +29,12 @@ def changes(results: Results, varied: str) -> pd.DataFrame:
         value-based algorithms). `gain` is the interquartile mean of what greedy actions score more than with
         the value that is compared with and the same seed, `low` and `high` its 95 % bootstrap interval; NaN
         in the row of that value. Algorithms with one value in a cell have no row.
+
+    Raises:
+        ValueError: If `varied` is another setting.
     """
+    if varied not in _COMPARED_WITH:
+        raise unknown("varied", varied, _COMPARED_WITH)
     compared_with, final = _COMPARED_WITH[varied], _final(results, varied)
     rows = []
     for (task, noise, algo, _), own in final.groupby(["task", "noise", "algo", "rest"]):
@@ -45,11 +51,10 @@ def changes(results: Results, varied: str) -> pd.DataFrame:
 def _final(results: Results, varied: str) -> pd.DataFrame:
     """Return the last scores of trials that learned; `rest` is what they have beside `varied`, as JSON."""
     trials = results.trials[results.trials["steps"] > 0]
-    settings = trials["settings"].map(json.loads)
-    trials = trials.assign(n_frames=settings.map(lambda one: one["n_frames"]))
+    trials = trials.assign(n_frames=trials["settings"].map(n_frames))
     rest = [
-        json.dumps({**own, "steps": int(steps), varied: None}, sort_keys=True)
-        for own, steps in zip(settings, trials["steps"], strict=True)
+        json.dumps({**json.loads(own), "steps": int(steps), varied: None}, sort_keys=True)
+        for own, steps in zip(trials["settings"], trials["steps"], strict=True)
     ]
     trials = trials.assign(rest=rest)
     last = results.curves[results.curves["kind"].isin((GREEDY, SAMPLED))].groupby(["trial", "kind"]).tail(1)
