@@ -14,18 +14,21 @@ from typing import Any
 import numpy as np
 import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.type_aliases import TrainFreq
+from stable_baselines3.common.utils import ConstantSchedule, FloatSchedule, LinearSchedule
 
 # These are made from the configuration, or the parameters hold them (as they do `batch_norm_stats`).
 MADE_ANEW = frozenset(
     {
         "device", "env", "_vec_normalize_env", "_logger", "_custom_logger",
         "observation_space", "action_space", "policy", "policy_kwargs",
-        "q_net", "q_net_target", "teacher", "model", "quantile_net", "quantile_net_target",
-        "batch_norm_stats", "batch_norm_stats_target", "rollout_buffer", "rollout_buffer_kwargs",
-        "replay_buffer", "replay_buffer_kwargs", "train_freq", "lr_schedule", "value_lr_schedule",
-        "exploration_schedule", "clip_range", "clip_range_vf",
+        "q_net", "q_net_target", "quantile_net", "quantile_net_target", "batch_norm_stats",
+        "batch_norm_stats_target", "rollout_buffer", "rollout_buffer_kwargs", "replay_buffer",
+        "replay_buffer_kwargs",
     }
 )  # fmt: skip
+# So are values of these types, whatever their names.
+_MADE_ANEW = (type, FunctionType, partial, FloatSchedule, LinearSchedule, ConstantSchedule, TrainFreq)
 _PLAIN = (type(None), bool, int, float, str, bytes)
 
 
@@ -90,10 +93,11 @@ def _attributes(model: BaseAlgorithm) -> dict[str, Any]:
     held = MADE_ANEW | {name.split(".")[0] for name in [*parameters, *variables]}
     attributes = {}
     for name, value in vars(model).items():
-        if name in held or isinstance(value, type | FunctionType | partial):
+        # What `takes_teacher` and `takes_model` bring.
+        if name in held or isinstance(value, _MADE_ANEW) or getattr(model, f"takes_{name}", False):
             continue
         try:
-            attributes[name] = _plain(value)
+            attributes[name] = _attribute(value)
         except TypeError as error:
             raise UnsavedError(f"{type(model).__name__}.{name} cannot be kept: {error}") from error
     return attributes
@@ -110,27 +114,38 @@ def _replay_buffer(model: BaseAlgorithm) -> Any:
     return _plain(buffer.state())
 
 
+def _attribute(value: Any) -> Any:
+    """`value` as `_plain` gives it, or a named tuple, whose type the newly made model tells."""
+    if isinstance(value, tuple) and hasattr(value, "_fields"):
+        return "named", [_plain(item) for item in value]
+    return _plain(value)
+
+
 def _plain(value: Any) -> Any:
-    """`value` as lists, dictionaries and tensors; any other type becomes a tuple ("its name", ...)."""
+    """`value` as lists, dictionaries and tensors; another type that can be had back is ("its name", ...).
+
+    Raises:
+        TypeError: it is of any other type, also one derived from these.
+    """
     if type(value) in _PLAIN or type(value) is torch.Tensor:
         return value
-    if isinstance(value, np.ndarray):
+    if type(value) is np.ndarray:
         return "array", torch.from_numpy(np.array(value, order="C"))
     if isinstance(value, np.generic):
         return "scalar", torch.from_numpy(np.array(value))
-    if isinstance(value, deque):
+    if type(value) is deque:
         return "deque", [_plain(item) for item in value], value.maxlen
-    if isinstance(value, tuple):
-        return "named" if hasattr(value, "_fields") else "tuple", [_plain(item) for item in value]
-    if isinstance(value, list):
+    if type(value) is tuple:
+        return "tuple", [_plain(item) for item in value]
+    if type(value) is list:
         return [_plain(item) for item in value]
-    if isinstance(value, dict):
+    if type(value) is dict and all(type(key) in _PLAIN for key in value):
         return {key: _plain(item) for key, item in value.items()}
     raise TypeError(f"it is a {type(value).__name__}, not numbers, texts and arrays.")
 
 
 def _restored(value: Any, like: Any = None) -> Any:
-    """What `_plain` was given; `like` has the type of a named tuple."""
+    """What `_attribute` was given; `like` has the type of a named tuple."""
     if isinstance(value, list):
         return [_restored(item) for item in value]
     if isinstance(value, dict):
