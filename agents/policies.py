@@ -10,6 +10,7 @@ from torch import nn
 from torch.optim import Optimizer
 
 from usbench.agents.networks import ConvTrunk
+from usbench.agents.sensing_trunk import SensingTrunk
 
 
 class SeparatePolicy(ActorCriticPolicy):
@@ -32,9 +33,13 @@ class SeparatePolicy(ActorCriticPolicy):
     ) -> None:
         """Takes SB3's arguments; `share_features_extractor` can only be False.
 
+        Observations that are dictionaries have a `SensingTrunk` by default.
+
         Raises:
             ValueError: `share_features_extractor` is True.
         """
+        if isinstance(observation_space, spaces.Dict):
+            kwargs.setdefault("features_extractor_class", SensingTrunk)
         if kwargs.setdefault("share_features_extractor", False):
             raise ValueError(
                 "share_features_extractor must be False: policy and value are separate networks here."

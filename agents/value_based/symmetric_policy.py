@@ -3,11 +3,13 @@
 from typing import Any
 
 import torch
+from gymnasium import spaces
 from stable_baselines3.common.torch_layers import create_mlp
 from stable_baselines3.dqn.policies import DQNPolicy, QNetwork
 from torch import nn
 
 from usbench.agents.networks import IMAGE
+from usbench.agents.sensing_trunk import SensingTrunk
 from usbench.agents.value_based.views import Views, moved
 
 
@@ -63,16 +65,22 @@ class SymmetricPolicy(DQNPolicy):
 
     def __init__(
         self,
+        observation_space: spaces.Space[Any],
         *args: Any,
         symmetries: Any = None,
         canonical: bool = True,
         greedy_shift_px: int = 0,
         **kwargs: Any,
     ) -> None:
-        """Takes SB3's arguments, those of `SymmetricQNetwork`, and `greedy_shift_px`."""
+        """Takes SB3's arguments, those of `SymmetricQNetwork`, and `greedy_shift_px`.
+
+        Observations that are dictionaries have a `SensingTrunk` by default.
+        """
         self.symmetries, self.canonical = symmetries, canonical
         self.greedy_shift_px = greedy_shift_px
-        super().__init__(*args, **kwargs)
+        if isinstance(observation_space, spaces.Dict):
+            kwargs.setdefault("features_extractor_class", SensingTrunk)
+        super().__init__(observation_space, *args, **kwargs)
 
     @property
     def greedy_net(self) -> QNetwork:

@@ -1,6 +1,7 @@
 """Agents that are told something beside the image: every algorithm learns, and senses and image are mixed."""
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import gymnasium as gym
@@ -15,7 +16,10 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 from usbench.agents import zoo
 from usbench.agents.dict_rollout import SliceableObservations
 from usbench.agents.frame_buffer import FrameReplayBuffer
+from usbench.agents.on_policy import A2C, PPO, TRPO
 from usbench.agents.sensing_trunk import SensingTrunk
+from usbench.agents.value_based.double_dqn import DoubleDQN
+from usbench.agents.vpg import VPG
 
 LEARNERS = [algo for algo, row in zoo.ZOO.items() if row.learns and not row.needs]
 SMALL = {
@@ -74,6 +78,13 @@ def test_hidden_layers_of_ones_own_row_are_kept_with_senses(monkeypatch: pytest.
         row = replace(zoo.ZOO["vpg"], policy=policy, policy_kwargs={"net_arch": [32]})
         monkeypatch.setitem(zoo.ZOO, "vpg", row)
         assert make("vpg").policy.net_arch == [32]
+
+
+@pytest.mark.parametrize("cls", [VPG, A2C, PPO, TRPO, partial(DoubleDQN, buffer_size=10)])
+def test_a_class_that_is_asked_for_dictionaries_alone_has_the_trunk_for_them(cls: Any) -> None:
+    model = cls("MultiInputPolicy", DummyVecEnv([Opposites]), seed=0, device="cpu")
+    assert any(isinstance(part, SensingTrunk) for part in model.policy.modules())
+    assert model.predict(model.env.reset())[0].shape == (1,)
 
 
 def weights(model: Any) -> torch.Tensor:
