@@ -85,7 +85,10 @@ def entry(algo: str) -> Entry:
     place = registered.get(algo, algo)
     if ":" in place or "/" in place or place.endswith(".py"):
         found = plugins.load(place)
-        return found if isinstance(found, Entry) else _row(place, found)
+        if not isinstance(found, Entry):
+            return _row(place, found)
+        plugins.load(found.cls)
+        return found
     raise unknown("algorithm", algo, [*ZOO, *registered])
 
 
@@ -148,6 +151,9 @@ def hyperparameters(
             merged[name] = said[said.index(value)]
         else:
             raise unknown(f"hyperparameter of {algo}", name, sorted(typed))
+    for name, value in merged.items():
+        if name in RANGES and not callable(value):  # as a schedule in a row of one's own
+            check(name, value)
     if preset is not None and preset not in row.presets:
         raise unknown(f"preset of {algo}", preset, row.presets)
     if rollout_steps(algo, merged) % int(merged.get("batch_size", 1)):

@@ -387,6 +387,24 @@ def test_what_is_no_algorithm_is_refused_in_one_sentence(here, capsys, algo, sai
     assert said in error and error.count("\n") == 1
 
 
+@pytest.mark.parametrize(
+    ("row", "said"),
+    [
+        ("hyperparameters={'batch_size': 0}", "batch_size must be a whole number in ["),
+        ("hyperparameters={'batch_size': None}", "batch_size must be a whole number in ["),
+        ("hyperparameters={'n_steps': -256}", "n_steps must be a whole number in ["),
+        ("hyperparameters={'learning_rate': '1e-3'}", "learning_rate must be a number in (0, 1]"),
+        ("cls='nowhere:X'", "'nowhere:X' cannot be imported (ModuleNotFoundError"),
+    ],
+)
+def test_row_of_ones_own_that_cannot_be_is_refused_in_one_sentence(here, capsys, row, said):
+    code = "from dataclasses import replace\nfrom usbench.agents.zoo import ZOO\n"
+    (here / "mine.py").write_text(f"{code}Row = replace(ZOO['ppo'], {row})\n")
+    assert cli.main(["run", "--algo", "mine:Row", *SHORT]) == 2
+    error = capsys.readouterr().err
+    assert said in error and error.count("\n") == 1
+
+
 def test_module_that_ends_the_program_is_refused_in_one_sentence(here, capsys):
     (here / "quits.py").write_text("import sys\n\nsys.exit()\n")
     assert cli.main(["run", "--algo", "quits:Agent", *SHORT]) == 2
