@@ -184,6 +184,13 @@ def test_a_row_with_a_hyperparameter_that_cannot_be_set_is_opened_with_its_own_v
         zoo.hyperparameters("mine:Clipped", "pp", {"clip_range_vf": 0.3})
 
 
+def test_what_cannot_be_set_is_listed_apart(here, capsys):
+    (here / "mine.py").write_text(CLIPPED)
+    assert cli.main(["list", "mine:Clipped"]) == 0
+    can, cannot = capsys.readouterr().out.split("fixed")
+    assert "clip_range=" in can and "clip_range_vf" not in can and "clip_range_vf=0.2" in cannot
+
+
 WHOLE_EPISODES = """
 from stable_baselines3 import DQN
 

@@ -110,7 +110,7 @@ def _task(name: str) -> Table:
 
 def _algorithm(name: str) -> Table:
     from usbench.agents import zoo
-    from usbench.agents.hyperparameters import as_set
+    from usbench.agents.hyperparameters import RANGES, as_set
     from usbench.checks import as_configuration_error
 
     with as_configuration_error():
@@ -122,8 +122,13 @@ def _algorithm(name: str) -> Table:
         table.add_row("comparison", "no row of it: made for unseen phantoms")
     if not entry.learns:
         table.add_row("--set", "nothing: it does not learn")
-    elif entry.hyperparameters:
-        table.add_row("--set, defaults", "\n".join(as_set({**entry.hyperparameters, **entry.options})))
+    else:
+        said = {**entry.hyperparameters, **entry.options}
+        declared = {name: value for name, value in said.items() if name in RANGES}
+        fixed = [f"{name}={value}" for name, value in said.items() if name not in RANGES]
+        for what, values in (("--set, defaults", as_set(declared)), ("fixed", fixed)):
+            if values:
+                table.add_row(what, "\n".join(values))
     for task, values in entry.tasks.items():
         table.add_row(f"--task {task}", "\n".join(as_set(values)))
     for preset, values in entry.presets.items():

@@ -8,7 +8,7 @@ import contextlib
 import dataclasses
 import io
 import zipfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
@@ -130,25 +130,29 @@ def _build(config: TrialConfig) -> Any:
     return make_agent(setting, config.algo, env, config.seed, hyperparameters)
 
 
+def _misfits(
+    tensors: Mapping[str, torch.Tensor], own: Mapping[str, torch.Tensor], config: TrialConfig
+) -> Iterator[str]:
+    """Yield in words what `tensors` have otherwise than the agent's `own` weights."""
+    for name in own:
+        if name not in tensors:
+            yield f"it has no {name}"
+    for name in tensors:
+        if name not in own:
+            yield f"{name} is not part of it"
+    for name, tensor in own.items():
+        if tensors[name].shape != tensor.shape:
+            shapes = f"{tuple(tensors[name].shape)} instead of {tuple(tensor.shape)}"
+            yield f"{name} has shape {shapes}{_why_other(tensors[name], tensor, config)}"
+
+
 def _load_weights(agent: BaseAlgorithm, file: Path, config: TrialConfig) -> None:
     own = agent.policy.state_dict()
     size = sum(tensor.nbytes for tensor in own.values())
     # Names and padding beside the numbers; more would be another network, or made to fill the memory.
     limit = 2 * size + 1_000_000
     tensors = _arrays(file, limit, own) if file.suffix == ".npz" else _tensors(file, limit)
-    misfit = next(
-        (f"it has no {name}" for name in own if name not in tensors),
-        next((f"{name} is not part of it" for name in tensors if name not in own), None),
-    ) or next(
-        (
-            f"{name} has shape {tuple(tensors[name].shape)} instead of {tuple(own[name].shape)}"
-            + _why_other(tensors[name], own[name], config)
-            for name in own
-            if tensors[name].shape != own[name].shape
-        ),
-        None,
-    )
-    if misfit:
+    if misfit := next(_misfits(tensors, own, config), None):
         raise ConfigurationError(
             f"the model in {str(file)!r} does not fit {config.algo} on {config.task}: {misfit}."
         )
