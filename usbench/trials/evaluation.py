@@ -47,8 +47,9 @@ class Evaluator:
     def play(self, agent: Agent, *, checkpoint: int, step: int, deterministic: bool) -> list[Evaluation]:
         """Play every episode, all at once, one batch of observations per step; return them in list order.
 
-        Every random state that the agent could draw from is put back afterwards: training makes the same
-        bits whether or not it is evaluated.
+        The generators of Python, NumPy, PyTorch and the action space are put back afterwards: training makes
+        the same bits whether or not it is evaluated, unless `predict` draws from a generator of the agent's
+        own that `learn` draws from, too.
         """
         for env in self._envs:
             env.unwrapped.is_watched = getattr(agent, "looks", True)  # type: ignore[attr-defined]
