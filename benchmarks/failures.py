@@ -6,6 +6,7 @@ figure: trials add their rows to it, cell by cell, and the figure is drawn from 
 """
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from usbench.checks import ConfigurationError
 from usbench.compare import plan, protocol
 from usbench.envs.frames import frame_store
 from usbench.figures import episode_ends, look_alikes, style
+from usbench.records import TrialConfig
 from usbench.results import collecting, sources
 from usbench.results.protocol.changes import changes
 from usbench.setting import make_env
@@ -33,14 +35,14 @@ def frames(task: str) -> np.ndarray:
     return np.stack([store.frame(pose) for pose in env.task.states])
 
 
-def ends_of(runs: Path) -> pd.DataFrame | None:
-    """Return how episodes of the paper's tasks end, of the finished trials of the protocol's grid in `runs`.
+def ends_of(runs: Path, planned: Sequence[TrialConfig]) -> pd.DataFrame | None:
+    """Return how episodes of the paper's tasks end, of the finished trials in `runs` that are `planned`.
 
-    None where there are none. Trials with other seeds, settings or steps than the grid's are not among them.
+    None where there are none. Where nothing is planned, all trials count.
     """
     if not runs.is_dir() or (evaluations := records.load(runs)).empty:
         return None
-    trials = collecting.collect(runs, plan.by_protocol(protocol.read())).trials
+    trials = collecting.collect(runs, planned).trials
     own = trials[(trials["status"] == "finished") & trials["task"].isin(suite.PAPER)]
     chosen = evaluations[evaluations["trial"].isin(own["trial"])]
     return None if chosen.empty else episode_ends.shares(chosen)
@@ -69,6 +71,11 @@ def main() -> None:
     """Print the tables; draw the figures that the arguments ask for."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=Path, default=Path("runs"), help="folder of trials (default runs)")
+    parser.add_argument(
+        "--all",
+        action="store_true",
+        help="how episodes end: of all trials in --runs, not of the grid's alone",
+    )
     parser.add_argument("--frames", type=Path, help="trials, or tables, with several numbers of frames")
     parser.add_argument("--budgets", type=Path, help="trials, or tables, with several budgets")
     parser.add_argument("--pairs", type=int, default=8, help="look-alikes per task (default 8)")
@@ -94,7 +101,8 @@ def main() -> None:
         console.print(printed(pairs, f"{task.title}: look-alikes that need different actions"))
     if args.figure:
         style.save(look_alikes.draw(known), args.figure)
-    ends, table = ends_of(args.runs), args.ends and args.ends.with_suffix(".csv")
+    planned = [] if args.all else plan.by_protocol(protocol.read())
+    ends, table = ends_of(args.runs, planned), args.ends and args.ends.with_suffix(".csv")
     if table and table.exists():
         kept = pd.read_csv(table)
         ends = kept if ends is None else episode_ends.merged(kept, ends)

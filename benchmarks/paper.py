@@ -5,32 +5,41 @@ stands beside it.
 """
 
 import argparse
+import functools
 from pathlib import Path
 
 import pandas as pd
 from paper_sentences import endings, training
-from paper_sentences.sentence import AGENT
+from paper_sentences.sentence import AGENT, first, section
 
 from usbench.figures import paper, style
-from usbench.results import held_out, scores, tables, verdict
+from usbench.results import additions, held_out, scores, tables, verdict
 from usbench.results.agents import named
 from usbench.results.tables import Results
 from usbench.results.text import table
 
 TOP = Path(__file__).parents[1]
 COMMITTED, PAGE = TOP / "leaderboard_files", TOP / "docs" / "paper.md"
+ONE_FRAME = TOP / "tables" / "one-frame"
 
 ABOUT = """\
-This page is written by `make paper` from the tables of the [leaderboard](../leaderboard.md) and of [how
-episodes end](failures.md); it is not edited by hand. Each sentence of [the paper](cite.md)'s results, and of
-what its abstract says of them, stands beside what `{agent}` does here: the paper's algorithm with its
-Table II, {n_seeds} seeds in each cell ({seeds}; the paper has 4), {steps} training steps. Whether a
-sentence holds follows from the numbers, by the rule that stands with it. The agent here sees 4 frames at a
-time, that of the paper saw 1, and the simulator is another one: shapes and signs can be compared, heights
-cannot."""
+This page is written by `make paper` from the tables of the [leaderboard](../leaderboard.md), of [how
+episodes end](failures.md) and of the [trials with one frame](../tables/one-frame/leaderboard.md); it is not
+edited by hand. Each sentence of [the paper](cite.md)'s results, and of what its abstract says of them, stands
+beside what `{agent}` does here: the paper's algorithm with its Table II, {steps} training steps and two kinds
+of observations. The paper has 4 seeds.
+
+{trained}
+
+Whether a sentence holds follows from the numbers, by the rule that stands with it. The simulator is another
+one than the paper's: shapes and signs can be compared, heights cannot."""
+TRAINED = {
+    "4 frames": "as every agent of the leaderboard sees them",
+    "1 frame": "as the paper's agent saw it; trained [after all others](protocol.md#what-was-done-otherwise)",
+}
 OTHERS = "It would certainly be worth to evaluate the performance of other reinforcement learning methods"
 FIGURES = """\
-The figures are Figures 4 and 5 of the paper, with its axes: means over seeds, bars of one standard
+The figures are Figures 4 and 5 of the paper, with its axes, above those of 4 frames, below those of 1: means over seeds, bars of one standard
 deviation, and policy updates of 64 steps on the upper axis. The third panel of Figure 5 is not in the
 paper. The paper's own curves are not drawn beside ours: this repository has neither their
 numbers nor its pictures, and heights could not be compared.
@@ -40,27 +49,44 @@ numbers nor its pictures, and heights could not be compared.
 ![Figure 5: final distance and sine of the final angle](paper_figure5.png)"""
 
 
-def page(known: Results, tested: pd.DataFrame, ends: pd.DataFrame) -> str:
-    """Return docs/paper.md, of the results, the tests on unseen phantoms, and how episodes end."""
-    own = next(iter(scores.parts(known).values()))
-    agents = named(own.trials)
-    ours = own.of(own.trials[agents["agent"] == AGENT])
-    sentences = [*training.changes(ours), *endings.endings(ours, ends), training.learned(ours)]
+def agents(known: Results) -> dict[str, Results]:
+    """Return the trials of the paper's agent by what it sees, those of the leaderboard `known` first."""
+    grid = next(iter(scores.parts(known).values()))
+    ours = grid.of(grid.trials[named(grid.trials)["agent"] == AGENT])
+    return dict(zip(TRAINED, (ours, tables.read(ONE_FRAME / COMMITTED.name)), strict=True))
+
+
+def page(known: Results, tested: pd.DataFrame) -> str:
+    """Return docs/paper.md, of the results and the tests on unseen phantoms."""
+    seen = agents(known)
+    ends = dict(zip(TRAINED, map(pd.read_csv, (endings.ENDS, ONE_FRAME / endings.ENDS.name)), strict=True))
+    found = [
+        [*training.changes(own), *endings.endings(own, ends[name]), training.learned(own)]
+        for name, own in seen.items()
+    ]
+    sentences = [dict(zip(seen, each, strict=True)) for each in zip(*found, strict=True)]
+    rows = [[f"“{first(each).words}”", *(one.holds for one in each.values())] for each in sentences]
     parts = [
         "# The paper's results beside ours",
         ABOUT.format(
             agent=AGENT,
-            n_seeds=ours.trials["seed"].nunique(),
-            steps=int(ours.trials["steps"].max()),
-            seeds=f"{ours.trials['seed'].min()} to {ours.trials['seed'].max()}",
+            steps=int(seen["4 frames"].trials["steps"].max()),
+            trained="\n".join(trained(name, own.trials) for name, own in seen.items()),
         ),
-        table(["sentence", "here"], [[f"“{sentence.words}”", sentence.holds] for sentence in sentences]),
+        table(["sentence", *seen], rows),
         FIGURES,
-        *(sentence.markdown() for sentence in sentences),
+        *map(section, sentences),
         f"## “{OTHERS}”",
         *verdict.sentences(known, tested),
     ]
     return "\n\n".join(parts) + "\n"
+
+
+def trained(name: str, trials: pd.DataFrame) -> str:
+    """Return in a line what agents saw, and with which seeds they were trained."""
+    seeds = trials["seed"]
+    each = f"{seeds.nunique()} seeds in each cell ({seeds.min()} to {seeds.max()})"
+    return f"* **{name}** at a time, {TRAINED[name]}: {each}."
 
 
 def main() -> None:
@@ -69,11 +95,10 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=PAGE, help="page to write (default docs/paper.md)")
     args = parser.parse_args()
     known = tables.read(COMMITTED)
-    args.out.write_text(page(known, held_out.read(COMMITTED), pd.read_csv(endings.ENDS)), encoding="utf-8")
+    args.out.write_text(page(known, held_out.read(COMMITTED)), encoding="utf-8")
     print(args.out)
-    own = next(iter(scores.parts(known).values()))
-    ours = own.of(own.trials[named(own.trials)["agent"] == AGENT])
-    for name, figure in (("paper_figure4", paper.figure4(ours)), ("paper_figure5", paper.figure5(ours))):
+    both = functools.reduce(additions.joined, agents(known).values())
+    for name, figure in (("paper_figure4", paper.figure4(both)), ("paper_figure5", paper.figure5(both))):
         if figure is not None:
             print(style.save(figure, args.out.with_name(f"{name}.png")))
 

@@ -1,6 +1,6 @@
 """A sentence of the paper beside our numbers, and the words for whether it holds."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from usbench.results import verdict
@@ -19,10 +19,19 @@ class Sentence:
     holds: str
     numbers: str
 
-    def markdown(self) -> str:
-        """Return its section."""
-        rule = f"{self.rule[0].lower()}{self.rule[1:]}"
-        return f"## “{self.words}”\n\n**{self.holds.capitalize()}.** The rule: {rule}\n\n{self.numbers}"
+
+def first(each: Mapping[str, Sentence]) -> Sentence:
+    """Return one of the same sentence beside the numbers of several agents."""
+    return next(iter(each.values()))
+
+
+def section(each: Mapping[str, Sentence]) -> str:
+    """Return the section of a sentence, by agent: the rule, whether it holds, and the numbers."""
+    rule = first(each).rule
+    parts = [f"## “{first(each).words}”", f"The rule: {rule[0].lower()}{rule[1:]}"]
+    for agent, one in each.items():
+        parts += [f"**With {agent}: {one.holds}.**", one.numbers]
+    return "\n\n".join(parts)
 
 
 def verdict_of(n_true: int, n_all: int) -> str:

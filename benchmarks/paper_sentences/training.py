@@ -104,12 +104,13 @@ def noise(known: Results) -> Sentence:
 
 def learned(known: Results) -> Sentence:
     """Return the sentence on what the agent can do after the training."""
-    rows, better = [], []
+    rows, better, finals = [], [], []
     for cell, own in known.trials.groupby(scores.CELL):
         curves = known.curves[known.curves["trial"].isin(own["trial"]) & (known.curves["kind"] == GREEDY)]
         groups = curves.sort_values("step").groupby("trial")
         before, after = groups.head(1), groups.tail(1)
-        score = scores.score_of(after[["normalized_score"]].to_numpy(float))
+        finals.append(after["normalized_score"].to_numpy(float))
+        score = scores.score_of(finals[-1][:, np.newaxis])
         better.append(after["success_rate"].mean() > before["success_rate"].mean())
         rows.append(
             [
@@ -119,6 +120,10 @@ def learned(known: Results) -> Sentence:
                 f"{100 * after['success_rate'].mean():.0f}",
             ]
         )
+    # Seeds are drawn for each cell by themselves, so that their order does not matter.
+    score = scores.score_of(np.column_stack(finals))
+    all_cells = interval(score["score"], score["score_low"], score["score_high"], 2)
+    rows.append(["all cells together", all_cells, DASH, DASH])
     head = ["cell", "score after", "success before (%)", "success after (%)"]
     return Sentence(
         "After the training, the agent's ability to accurately locate the position of the focal depth and "

@@ -5,13 +5,15 @@ import sys
 import failures
 import pytest
 
+from usbench.compare import plan, protocol
 from usbench.records import Trial
 
 
-def test_only_trials_of_the_grid_tell_how_episodes_end(finished, monkeypatch):
-    assert failures.ends_of(finished.parent) is None  # of another seed, and of fewer steps
-    monkeypatch.setattr(failures.plan, "by_protocol", lambda _: [Trial.read(finished).config])
-    (row,) = failures.ends_of(finished.parent).to_dict("records")
+def test_only_trials_that_are_planned_tell_how_episodes_end(finished):
+    grid = plan.by_protocol(protocol.read())
+    assert failures.ends_of(finished.parent, grid) is None  # of another seed, and of fewer steps
+    (row,) = failures.ends_of(finished.parent, [Trial.read(finished).config]).to_dict("records")
+    assert row == failures.ends_of(finished.parent, []).to_dict("records")[0]
     assert (row["task"], row["noise"], row["algo"], row["seeds"]) == ("pp", 0.5, "vpg", 1)
 
 
