@@ -41,8 +41,9 @@ OTHERS = "It would certainly be worth to evaluate the performance of other reinf
 FIGURES = """\
 The figures are Figures 4 and 5 of the paper, with its axes: means over seeds, bars of one standard
 deviation, and policy updates of 64 steps on the upper axis. The upper panels are of 4 frames, the lower
-ones of 1 frame. The third panel of Figure 5 is not in the paper. The paper's own curves are not drawn beside ours: this repository has neither their
-numbers nor its pictures, and heights could not be compared.
+ones of 1 frame. The third panel of Figure 5 is not in the paper. The paper's own curves are not drawn
+beside ours: this repository has neither their numbers nor its pictures, and heights could not be
+compared.
 
 ![Figure 4: return of training episodes on both tasks](paper_figure4.png)
 
