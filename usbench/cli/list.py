@@ -126,9 +126,9 @@ def _algorithm(name: str) -> Table:
         said = {**entry.hyperparameters, **entry.options}
         declared = {name: value for name, value in said.items() if name in RANGES}
         fixed = [f"{name}={value}" for name, value in said.items() if name not in RANGES]
-        for what, values in (("--set, defaults", as_set(declared)), ("fixed", fixed)):
-            if values:
-                table.add_row(what, "\n".join(values))
+        for what, lines in (("--set, defaults", as_set(declared)), ("fixed", fixed)):
+            if lines:
+                table.add_row(what, "\n".join(lines))
     for task, values in entry.tasks.items():
         table.add_row(f"--task {task}", "\n".join(as_set(values)))
     for preset, values in entry.presets.items():
