@@ -108,7 +108,8 @@ def learned(known: Results) -> Sentence:
     for cell, own in known.trials.groupby(scores.CELL):
         curves = known.curves[known.curves["trial"].isin(own["trial"]) & (known.curves["kind"] == GREEDY)]
         groups = curves.sort_values("step").groupby("trial")
-        before, after = groups.head(1), groups.tail(1)
+        # In the order of seeds, as the leaderboard has them: the same resamples.
+        before, after = groups.head(1), groups.tail(1).sort_values("trial")
         finals.append(after["normalized_score"].to_numpy(float))
         score = scores.score_of(finals[-1][:, np.newaxis])
         better.append(after["success_rate"].mean() > before["success_rate"].mean())
