@@ -1,5 +1,7 @@
 """Every algorithm meets the same: starts, noise and evaluation episodes at one seed, and an exact budget."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 import sweep_worker
@@ -41,7 +43,7 @@ def train(algo, out, monkeypatch, steps=STEPS):
 
     def init(self, env, report):
         original(self, env, report)
-        self.training = getattr(report, "__name__", "") == "on_episode"
+        self.training = not isinstance(report, partial)  # which an evaluation has
 
     original = evaluation.Recorder.__init__
     with monkeypatch.context() as patch:
