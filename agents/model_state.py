@@ -28,7 +28,7 @@ MADE_ANEW = frozenset(
     }
 )  # fmt: skip
 # So are values of these types, whatever their names.
-_MADE_ANEW = (type, FunctionType, partial, FloatSchedule, LinearSchedule, ConstantSchedule, TrainFreq)
+_TYPES_MADE_ANEW = (type, FunctionType, partial, FloatSchedule, LinearSchedule, ConstantSchedule, TrainFreq)
 _PLAIN = (type(None), bool, int, float, str, bytes)
 
 
@@ -94,7 +94,7 @@ def _attributes(model: BaseAlgorithm) -> dict[str, Any]:
     attributes = {}
     for name, value in vars(model).items():
         # What `takes_teacher` and `takes_model` bring.
-        if name in held or isinstance(value, _MADE_ANEW) or getattr(model, f"takes_{name}", False):
+        if name in held or isinstance(value, _TYPES_MADE_ANEW) or getattr(model, f"takes_{name}", False):
             continue
         try:
             attributes[name] = _attribute(value)

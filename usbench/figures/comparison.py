@@ -198,10 +198,9 @@ def performance_profiles(known: Results) -> Figure | None:
     axis.set_ylim(0, 1.03)
     axis.set_xlabel(f"threshold of the {SCORE}")
     axis.set_ylabel("share of trials above it")
-    band = (
-        ", 95 % bootstrap band" if any(len(matrix) > 1 for matrix in matrices.values()) else ", one seed each"
-    )
-    axis.set_title(f"Performance profiles{band}\n{cells}", fontsize=style.TEXT)
+    several = any(len(matrix) > 1 for matrix in matrices.values())
+    band = "95 % bootstrap band" if several else "one seed each"
+    axis.set_title(f"Performance profiles, {band}\n{cells}", fontsize=style.TEXT)
     style.legend(figure, *axis.get_legend_handles_labels())
     return figure
 
