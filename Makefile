@@ -105,7 +105,7 @@ check-docker:  ## build the image of the Dockerfile and run the tests in it (nee
 compare: $(STAMP)  ## run what is missing of the paper's grid for every algorithm (many hours), write runs/leaderboard.md
 	$(BIN)/usbench compare
 
-leaderboard: $(STAMP)  ## write leaderboard.md, its figures and docs/paper.md again, from leaderboard_files/, search/ and docs/ends.csv alone
+leaderboard: $(STAMP)  ## write leaderboard.md, its figures and docs/paper.md again, from leaderboard_files/, search/, docs/ends.csv and tables/one-frame/ alone
 	$(BIN)/usbench leaderboard --search search
 	$(BIN)/python benchmarks/paper.py
 
@@ -124,7 +124,7 @@ bench-train: $(STAMP)  ## time and memory that training takes, beside plain scri
 coverage: $(STAMP)  ## how often the leaderboard's intervals hold the truth, by simulation (half an hour)
 	$(BIN)/python benchmarks/intervals.py
 
-paper: $(STAMP)  ## write docs/paper.md, the paper's results beside ours, from leaderboard_files/ and docs/ends.csv alone
+paper: $(STAMP)  ## write docs/paper.md, the paper's results beside ours, from leaderboard_files/, docs/ends.csv and tables/one-frame/ alone
 	$(BIN)/python benchmarks/paper.py
 
 task-pages: $(STAMP)  ## write the page and the moving picture of every task into docs/environments (some minutes)
