@@ -92,6 +92,19 @@ def test_what_no_comparisons_make_names_none(trials):
     assert provenance.commands(made(*trials).trials) == []
 
 
+def test_what_no_comparison_makes_is_told_trial_by_trial():
+    """Seeds that are not the first of their pool, at a noise, beside a comparison."""
+    later = [usual(task="pp", noise=0.25, seed=seed, steps=64) for seed in (110, 111)]
+    compared = [usual("a2c", seed=seed) for seed in (100, 101)]
+    said = provenance.making(made(*later, *compared, trial("oracle", 1.0)).trials)
+    commands = said.split("```")[1].replace(" \\\n    ", " ").strip().splitlines()
+    assert commands == [
+        "usbench compare --algos a2c --tasks fp --noise 0 --seeds 2",
+        "for seed in 110 111; do usbench run --algo vpg --task pp --steps 64 --noise 0.25 --seed $seed; done",
+        "usbench leaderboard --runs runs",
+    ]
+
+
 def test_a_trial_with_another_budget_leaves_the_command_of_those_with_the_tasks_own():
     """It is a row of its own, whatever its configuration is called."""
     trials = made(usual("vpg"), usual("vpg", seed=101, steps=32)).trials

@@ -64,7 +64,7 @@ def _time(total_s: float, training_s: float) -> str:
 def _commands_of(name: str, own: pd.DataFrame) -> list[str]:
     """Return the commands that make the trials of a table."""
     if name == further.GRID:
-        return commands(own)
+        return [*commands(own), *unseen.commands(_left(own))]
     if name == unseen.NAME or not _as_planned(name, own):
         return unseen.commands(own)
     return [f"usbench compare --table {name}"]
@@ -103,6 +103,13 @@ def commands(trials: pd.DataFrame) -> list[str]:
         f"usbench compare --algos {' '.join(algos)} --tasks {tasks} {options}"
         for (tasks, options), algos in algos_of.items()
     ]
+
+
+def _left(trials: pd.DataFrame) -> pd.DataFrame:
+    """Return the trials that none of the comparisons in `commands` makes."""
+    rows = _rows(trials).groupby(["algo", "task"])
+    made = [index for (_, task), own in rows if _options(str(task), own) for index in own.index]
+    return trials.drop(made)
 
 
 def _rows(trials: pd.DataFrame) -> pd.DataFrame:
