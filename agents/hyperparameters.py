@@ -90,7 +90,6 @@ RANGES: dict[str, Boolean | Whole | Number] = {
     "gae_lambda": Number(0.0, 1.0),
     "initial_value": Number(-1e9, 1e9),
     "adam_beta1": Number(0.0, 1.0, below=True),
-    "adam_beta2": Number(0.0, 1.0, below=True),
     "batch_size": Whole(2, 65_536),
     "n_epochs": Whole(1, 1_000),
     "clip_range": Number(0.0, 1.0, above=True),

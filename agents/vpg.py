@@ -16,16 +16,8 @@ from usbench.agents.hyperparameters import check
 from usbench.agents.on_policy import ValuesAtEnd, ValuesAtEndBuffer
 from usbench.agents.policies import SeparatePolicy
 
-# Checked by their names, beside the two learning rates.
-HYPERPARAMETERS = (
-    "n_steps",
-    "gamma",
-    "gae_lambda",
-    "n_value_steps",
-    "initial_value",
-    "adam_beta1",
-    "adam_beta2",
-)
+# PyTorch's default, of which `adam_beta1` is the other half.
+ADAM_BETA2 = 0.999
 
 
 class RewardToGoBuffer(ValuesAtEndBuffer):
@@ -82,9 +74,8 @@ class VPG(ValuesAtEnd):
         gae_lambda: lambda of the advantages, in [0, 1].
         n_value_steps: value steps per update, at least 1; Spinning Up takes 80.
         initial_value: what V starts from, finite.
-        adam_beta1: Adam's momentum (beta_1) for both networks, in [0, 1).
-        adam_beta2: its decay of the mean squared gradient (beta_2), in [0, 1). `optimizer_kwargs` in
-            `policy_kwargs` win over both; another optimizer than Adam takes neither.
+        adam_beta1: Adam's momentum (beta_1) for both networks, in [0, 1). `optimizer_kwargs` in
+            `policy_kwargs` win over it; another optimizer than Adam does not take it.
         rollout_buffer_class: the rollout's class; where None `RewardToGoBuffer`, or for observations that
             are dictionaries `RewardToGoDictBuffer`.
         rollout_buffer_kwargs: its further arguments.
@@ -115,7 +106,6 @@ class VPG(ValuesAtEnd):
         n_value_steps: int = 3,
         initial_value: float = 0.0,
         adam_beta1: float = 0.0,
-        adam_beta2: float = 0.999,
         rollout_buffer_class: type[RolloutBuffer] | None = None,
         rollout_buffer_kwargs: dict[str, Any] | None = None,
         stats_window_size: int = 100,
@@ -155,13 +145,12 @@ class VPG(ValuesAtEnd):
         self.n_value_steps = n_value_steps
         self.initial_value = initial_value
         self.adam_beta1 = adam_beta1
-        self.adam_beta2 = adam_beta2
         if _init_setup_model:
             self._setup_model()
 
     def _setup_model(self) -> None:
         # Here and not in the constructor, so that what `load` is given is checked too.
-        for name in HYPERPARAMETERS:
+        for name in ("n_steps", "gamma", "gae_lambda", "n_value_steps", "initial_value", "adam_beta1"):
             setattr(self, name, check(name, getattr(self, name)))
         for name in ("learning_rate", "value_learning_rate"):
             if not callable(getattr(self, name)):
@@ -183,7 +172,7 @@ class VPG(ValuesAtEnd):
     def _optimizer(self, parameters: list[nn.Parameter], learning_rate: float) -> Optimizer:
         options = {**self.policy.optimizer_kwargs, "lr": learning_rate}
         if issubclass(self.policy.optimizer_class, Adam):
-            options.setdefault("betas", (self.adam_beta1, self.adam_beta2))
+            options.setdefault("betas", (self.adam_beta1, ADAM_BETA2))
         return self.policy.optimizer_class(parameters, **options)
 
     def train(self) -> None:

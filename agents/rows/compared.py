@@ -22,7 +22,6 @@ COMPARED: dict[str, Entry] = {
         cls="usbench.agents.vpg:VPG",
         policy="CnnPolicy",
         hyperparameters=TABLE_II,
-        options={"adam_beta2": 0.999},
         tasks={
             "fp": {"gae_lambda": 0.95},
             "pp": {"gae_lambda": 0.97},
@@ -38,7 +37,6 @@ COMPARED: dict[str, Entry] = {
         cls="usbench.agents.vpg:VPG",
         policy="CnnPolicy",
         hyperparameters=TABLE_II,
-        options={"adam_beta2": 0.999},
     ),
     "a2c": Entry(
         title="advantage actor-critic (Mnih et al. 2016)",

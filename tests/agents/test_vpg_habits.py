@@ -67,13 +67,11 @@ def test_no_momentum_is_vpgs_choice_alone() -> None:
 
 
 def test_save_and_load_give_the_same_actions(tmp_path: Path) -> None:
-    model = VPG(
-        "CnnPolicy", Signs(), n_steps=16, gamma=0.9, n_value_steps=2, adam_beta1=0.5, adam_beta2=0.9, seed=0
-    )
+    model = VPG("CnnPolicy", Signs(), n_steps=16, gamma=0.9, n_value_steps=2, adam_beta1=0.5, seed=0)
     model.learn(64).save(tmp_path / "model.zip")
     loaded = VPG.load(tmp_path / "model.zip")
     assert (loaded.gamma, loaded.n_value_steps, loaded.value_learning_rate) == (0.9, 2, 1e-3)
-    assert (loaded.adam_beta1, loaded.adam_beta2) == (0.5, 0.9) and betas(loaded) == [(0.5, 0.9)] * 2
+    assert loaded.adam_beta1 == 0.5 and betas(loaded) == [(0.5, 0.999)] * 2
     assert torch.equal(flat(model), flat(loaded))
     images = np.random.default_rng(0).normal(size=(50, 8, 8, 1)).astype(np.float32)
     actions = [m.predict(images, deterministic=True)[0] for m in (model, loaded)]
@@ -150,7 +148,6 @@ def test_logger_callbacks_and_tensorboard(tmp_path: Path) -> None:
         ("initial_value", float("inf"), ValueError, "initial_value"),
         ("adam_beta1", 1.0, ValueError, r"adam_beta1 must be a number in \[0, 1\), not 1.0."),
         ("adam_beta1", -0.1, ValueError, "adam_beta1"),
-        ("adam_beta2", 1.0, ValueError, "adam_beta2"),
     ],
 )
 def test_refuses(name: str, value: object, error: type[Exception], words: str) -> None:
