@@ -20,7 +20,7 @@ $(STAMP): pyproject.toml constraints.txt
 
 # What running needs, without the tools of development; whoever has these has it already.
 $(VENV)/.running: pyproject.toml constraints.txt
-	@echo "installing usbench with PyTorch, Stable-Baselines3, Numba and 50 other packages into $(VENV): 1.5 GB there with"
+	@echo "installing usbench with PyTorch, Stable-Baselines3, Numba and 50 other packages into $(VENV): 1.8 GB there with"
 	@echo "PyTorch's CPU build (README), some 7 GB with CUDA's libraries; minutes, as the network allows. Nothing else changes."
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python $(INSTALL) -c constraints.txt -e '.[guide]'

@@ -12,6 +12,7 @@ import contextlib
 import hashlib
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import asdict
 from functools import lru_cache
 
 import numpy as np
@@ -22,7 +23,7 @@ from usbench.envs.cache import frame_files
 from usbench.envs.cache.folder import mark_used, not_kept
 from usbench.envs.cache.sources import code_hash, hash_of, is_own, sources
 from usbench.envs.pose import Pose
-from usbench.envs.probe import LinearArray
+from usbench.envs.probe import DEFAULT_ARRAY, LinearArray
 from usbench.envs.scanner import scan, scan_batch
 from usbench.envs.settings import as_row, from_row, table_of
 from usbench.envs.tissue import Tissue
@@ -30,6 +31,7 @@ from usbench.words import in_words
 
 Frame = npt.NDArray[np.uint8]
 Progress = Callable[[int, int], None]
+GRID = ("height_px", "width_px", "pixel_size")  # what of the imaging a slice of a recorded image has
 _BATCH = 12  # frames that are made side by side, and told of together
 
 
@@ -175,6 +177,24 @@ def _frames(scenes: Sequence[tuple[Tissue, Pose]], array: LinearArray, imaging: 
         [scan(*missing[0], array, imaging)] if len(missing) == 1 else scan_batch(missing, array, imaging)
     )
     return [next(simulated) if frame is None else frame for frame in recorded]
+
+
+def check_recorded(tissue: Tissue, array: LinearArray, imaging: Imaging, usual: Imaging) -> None:
+    """Raise ValueError where a recorded image is to have what its slices do not follow from.
+
+    They follow neither from the probe nor from anything of `imaging` but the size and number of its pixels:
+    the rest has to be as `usual`.
+    """
+    if tissue.has_focus:
+        return
+    if array != DEFAULT_ARRAY:
+        raise ValueError("a recorded image keeps the probe of its recording: leave the probe out.")
+    for name, value in asdict(imaging).items():
+        if name not in GRID and value != getattr(usual, name):
+            raise ValueError(
+                f"a recorded image is shown as it was recorded: leave {name} at {getattr(usual, name)}, "
+                f"not {value}; of the imaging {', '.join(GRID)} can be chosen."
+            )
 
 
 def frame_store(phantom: Tissue, array: LinearArray, imaging: Imaging) -> FrameStore:

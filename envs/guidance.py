@@ -13,7 +13,7 @@ import numpy.typing as npt
 from usbench.checks import check_type, probability, unknown
 from usbench.coordinates import POSE
 from usbench.envs.bmode import Imaging
-from usbench.envs.frames import FrameStore, frame_store
+from usbench.envs.frames import FrameStore, check_recorded, frame_store
 from usbench.envs.image_reward import check_depth, likeness, standard_view
 from usbench.envs.observation import senses as sensing
 from usbench.envs.observation.senses import Observation
@@ -94,6 +94,7 @@ class GuidanceEnv(gym.Env[Observation, int]):
         self.phantom = self._fitting(self.default_phantom if phantom is None else phantom)
         self.probe = _instance("probe", probe, LinearArray())
         self.imaging = _instance("imaging", imaging, self.default_imaging)
+        check_recorded(self.phantom, self.probe, self.imaging, self.default_imaging)
         if self.reward == IMAGE:
             check_depth(self.imaging)
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
@@ -284,16 +285,21 @@ class GuidanceEnv(gym.Env[Observation, int]):
     def _target_info(self) -> dict[str, int]:
         return {f"target_{name}": getattr(self.target, name) for name in POSE}
 
+    @property
+    def _options(self) -> tuple[str, ...]:
+        """What the options of a reset can name."""
+        return self.task.coordinates
+
     def _checked(self, options: Mapping[str, Any] | None) -> dict[str, Any]:
         """Return the options of a reset, or refuse them, which is to happen before anything is drawn."""
         if options is None:
             return {}
         if not isinstance(options, Mapping):
-            names = ", ".join(self.task.coordinates)
+            names = ", ".join(self._options)
             raise TypeError(f"options must be a dict with any of {names}, not {options!r}.")
         for name in options:
             if name not in self.task.coordinates:
-                raise unknown("option", name, self.task.coordinates)
+                raise unknown("option", name, self._options)
         # Each coordinate is checked by itself, so that any start will do.
         self.task.limits.check(self._with_options(self.task.starts[0], options))
         return dict(options)

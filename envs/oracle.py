@@ -255,6 +255,8 @@ def _policy(process: DecisionProcess) -> Policy:
 def _place(task: Task, step: int, pose: Pose | tuple[int, ...]) -> tuple[int, int]:
     """Return where `step` and `pose` (its coordinates in the task's order) stand in tables of the task."""
     if not isinstance(pose, Pose):
+        if len(pose) != len(task.coordinates):
+            raise ValueError(f"pose must be a Pose or ({', '.join(task.coordinates)}), not {pose!r}.")
         pose = task.pose(dict(zip(task.coordinates, pose, strict=True)))
     return whole_number("step", step, 0, task.n_steps - 1), task.index(pose)
 

@@ -86,6 +86,8 @@ class Setting:
             object.__setattr__(self, "probe", plain.probe)
             object.__setattr__(self, "imaging", plain.imaging)
             object.__setattr__(self, "senses", plain.senses.names)
+            if self.n_phantoms is not None:
+                object.__setattr__(self, "n_phantoms", plain.phantoms.count)
 
     @classmethod
     def recorded(cls, config: TrialConfig) -> Setting:

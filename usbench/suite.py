@@ -153,6 +153,12 @@ def evaluation_episodes(task: str) -> tuple[EvaluationEpisode, ...]:
 
 
 def evaluation_points(task: str, steps: int) -> tuple[int, ...]:
-    """Return the training steps at which a trial of `steps` steps is evaluated, first 0 and last `steps`."""
+    """Return the training steps at which a trial of `steps` steps is evaluated, first 0 and last `steps`.
+
+    Raises:
+        ValueError: If there is no such task.
+    """
+    if task not in TASKS:
+        raise unknown_task(task)
     count = TASKS[task].checkpoints
     return tuple(sorted({steps * k // count for k in range(count + 1)}))

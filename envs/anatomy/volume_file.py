@@ -20,6 +20,10 @@ from usbench.envs.anatomy.volume import Volume
 ENDINGS = (*nifti.ENDINGS, ".mha", ".mhd", ".nrrd", ".nhdr")
 MAX_BYTES = 512_000_000
 SPACING_MM = (0.01, 10.0)
+# What the largest voxel can be, so that tissue fits single precision.
+LARGEST = (1e-20, 1e30)
+# Of NRRD, whose units ITK does not look at.
+_UNITS = re.compile(rb"^space units:([^\r\n]*)", re.MULTILINE)
 # Where headers of text hold the spacing.
 _SPACING = re.compile(rb"^(ElementSpacing|ElementSize|spacings|space directions)\s*[=:]", re.MULTILINE)
 _HEADER_BYTES = 65_536
@@ -118,6 +122,9 @@ def _bytes_of(itk: Any, header: Any) -> int:
 
 def _check_places(path: Path, header: Any) -> None:
     """Refuse a spacing that is not said or cannot be meant, and axes that are not at right angles."""
+    for unit in _units(path):
+        if unit not in ("", "mm"):
+            raise ValueError(f"the space units of {str(path)!r} must be mm, not {unit!r}: convert the file.")
     spacing, low, high = header.GetSpacing(), *SPACING_MM
     if not _says_spacing(path) or not all(low <= value <= high for value in spacing):
         said = "x".join(f"{value:g}" for value in spacing) if _says_spacing(path) else "missing"
@@ -140,9 +147,20 @@ def _is_nifti(path: Path) -> bool:
 def _says_spacing(path: Path) -> bool:
     """Return whether the header holds a spacing; where it does not, ITK takes 1 mm."""
     if not _is_nifti(path):
-        with path.open("rb") as file:
-            return bool(_SPACING.search(file.read(_HEADER_BYTES)))
+        return bool(_SPACING.search(_beginning(path)))
     return all(math.isfinite(value) and value != 0 for value in nifti.read_header(path).spacing)
+
+
+def _units(path: Path) -> list[str]:
+    """Return the units of an NRRD file's axes; none where the file does not tell, or has another format."""
+    told = None if _is_nifti(path) else _UNITS.search(_beginning(path))
+    return re.findall(r'"([^"]*)"', told[1].decode("utf-8", "replace")) if told else []
+
+
+def _beginning(path: Path) -> bytes:
+    """Return the part of a file that holds its header, where that is text."""
+    with path.open("rb") as file:
+        return file.read(_HEADER_BYTES)
 
 
 def _check_finite(path: Path, voxels: npt.NDArray[Any]) -> None:
@@ -159,3 +177,9 @@ def _check_values(path: Path, voxels: npt.NDArray[Any]) -> None:
         )
     if high == 0:
         raise ValueError(f"the volume {str(path)!r} is empty: all its voxels are 0.")
+    least, most = LARGEST
+    if not least <= high <= most:
+        raise ValueError(
+            f"the largest voxel of {str(path)!r} must be from {least:g} to {most:g}, not {high:g}: rescale "
+            "the image."
+        )

@@ -12,14 +12,26 @@ from typing import Generic, TypeVar
 import platformdirs
 
 from usbench.atomic import LEFT_BEHIND_S, remove_leftovers
+from usbench.checks import ConfigurationError
 
 _Contents = TypeVar("_Contents")
 
 
 def cache_folder() -> Path:
-    """Return where files are kept: USBENCH_CACHE, or the platform's folder for caches."""
+    """Return where files are kept: USBENCH_CACHE, or the platform's folder for caches.
+
+    Raises:
+        ConfigurationError: If USBENCH_CACHE begins with the home of a user who is not known.
+    """
     chosen = os.environ.get("USBENCH_CACHE")
-    return Path(chosen).expanduser() if chosen else platformdirs.user_cache_path("usbench")
+    if not chosen:
+        return platformdirs.user_cache_path("usbench")
+    try:
+        return Path(chosen).expanduser()
+    except RuntimeError as error:
+        raise ConfigurationError(
+            f"USBENCH_CACHE must name a folder, not {chosen!r}: there is no such home."
+        ) from error
 
 
 def not_kept(what: str, error: OSError) -> str:

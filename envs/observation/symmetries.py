@@ -1,8 +1,8 @@
 """Exact symmetries of a task: other observations and actions that mean the same.
 
-Where every episode draws its tissue, it does so evenly on both sides of every axis, and the object is
-symmetric about its plane and its axis, as the beam is in elevation. So three changes of the scene leave an
-episode what it was, but for speckle:
+Where every episode draws its tissue, the object is symmetric about its plane and its axis, as the beam is
+in elevation. So, where objects are drawn evenly on both sides of every axis, three changes of the scene leave
+an episode what it was, but for speckle:
 
 * elevation reflected: both angles are negated. The picture stays, the two rotations swap.
 * the probe turned about: its angle grows by 180 degrees. The picture is mirrored, every action stays.
@@ -23,6 +23,7 @@ import numpy.typing as npt
 from usbench.envs.observation.senses import ACTIONS, Senses
 from usbench.envs.pose import Move, Pose
 from usbench.envs.task import Task
+from usbench.envs.tasks.phantom_distribution import PhantomDistribution
 
 
 @dataclass(frozen=True)
@@ -78,20 +79,21 @@ _ALL = tuple(
 )
 
 
-def symmetries(senses: Senses, *, of_drawn_tissue: bool = True) -> Symmetries:
+def symmetries(senses: Senses, phantoms: PhantomDistribution | None) -> Symmetries:
     """Return the symmetries of the senses' task, each once.
 
-    They are those that lead from its poses to its poses, and from its actions and slips to its own.
+    They are those that lead from its poses to its poses, from its actions and slips to its own, and from the
+    objects that are drawn to objects that are drawn as often.
 
     Args:
         senses: What the agent is told beside the frames.
-        of_drawn_tissue: Whether every episode draws its tissue, evenly on both sides of every axis. Where it
-            does not, the symmetry that changes nothing is the only one.
+        phantoms: What every episode draws its tissue from. None where it draws none: then the symmetry that
+            changes nothing is the only one.
     """
     task = senses.task
     found = []
-    for change in _ALL if of_drawn_tissue else _ALL[:1]:
-        if _keeps(change, task):
+    for change in _ALL[:1] if phantoms is None else _ALL:
+        if _keeps(change, task) and (phantoms is None or _keeps_objects(change, phantoms)):
             becomes = _actions(change, task)
             found.append((change.mirrors, *_on_senses(change, senses, becomes), becomes))
     # Where a probe never turns, some are the same for the agent.
@@ -115,6 +117,15 @@ def _keeps(change: _Change, task: Task) -> bool:
         {change.pose(pose) for pose in task.states} <= task.indices.keys()
         and {change.move(move) for move in moves} <= moves
         and Counter(change.move(move) for move in slips.elements()) == slips
+    )
+
+
+def _keeps_objects(change: _Change, phantoms: PhantomDistribution) -> bool:
+    """Return whether objects are drawn as often where the change puts them; turned about, one is the same."""
+    x, angle = Counter(phantoms.x_mm), Counter(angle_deg % 180 for angle_deg in phantoms.angle_deg)
+    return (
+        Counter(change.x * x_mm for x_mm in x.elements()) == x
+        and Counter(change.angle * angle_deg % 180 for angle_deg in angle.elements()) == angle
     )
 
 

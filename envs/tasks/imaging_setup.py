@@ -156,14 +156,21 @@ class ImagingSetupEnv(GuidanceEnv):
     default_imaging = IMAGING
 
     def __init__(self, **kwargs: Any) -> None:
-        """Check the configuration, and that the probe can be set to the frequencies of the task.
+        """Check the configuration, and that the frames show the object at frequencies that the probe has.
 
         Raises:
             TypeError: If an argument has the wrong type.
-            ValueError: If a value is not allowed, or the probe cannot be set to a frequency of the task.
+            ValueError: If a value is not allowed, the image shows nothing of the object or of the tissue
+                beside it, or the probe cannot be set to a frequency of the task.
         """
         super().__init__(**kwargs)
         self._masks: dict[tuple[int, int], tuple[Mask, Mask]] = {}
+        if not all(mask.any() for mask in self._regions(self.task.states[0])):
+            size = f"{1e3 * self.imaging.depth:g} mm deep and {1e3 * self.imaging.width:g} mm wide"
+            raise ValueError(
+                f"imaging must show the object and the tissue beside it, which the task {self.task.name!r} "
+                f"compares, and an image {size} does not."
+            )
         for frequency_khz in self.task.limits.frequency_khz:
             try:
                 tuned(Setup(frequency_khz=frequency_khz), self.probe, self.imaging)

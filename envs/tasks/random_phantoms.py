@@ -82,6 +82,10 @@ class RandomPhantomEnv(GuidanceEnv):
             raise gym.error.ResetNeeded("call reset() first: there is no phantom before.")
         return super().state_rewards()
 
+    @property
+    def _options(self) -> tuple[str, ...]:
+        return (*super()._options, "phantom")
+
     def _checked(self, options: Mapping[str, Any] | None) -> dict[str, Any]:
         if not isinstance(options, Mapping) or "phantom" not in options:
             return super()._checked(options)

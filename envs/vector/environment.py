@@ -110,7 +110,7 @@ class GuidanceVectorEnv(gym.vector.VectorEnv[Observation, npt.NDArray[np.int64],
         # A copy: the user's own keeps its mask.
         options = dict(options) if isinstance(options, Mapping) else options
         which: Iterable[int] = range(self.num_envs)
-        if options and "reset_mask" in options:
+        if isinstance(options, dict) and "reset_mask" in options:
             which = np.flatnonzero(arguments.mask(options.pop("reset_mask"), self.num_envs)).tolist()
         for i in which:
             self.envs[i].start(seeds[i], options)

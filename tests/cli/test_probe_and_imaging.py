@@ -60,6 +60,20 @@ def test_files_that_cannot_be_used_are_refused_in_one_sentence(option, text, mes
     assert message in said and said.count("\n") == 1
 
 
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
+def test_files_that_windows_writes_are_read(encoding, tmp_path):
+    path = tmp_path / "probe.toml"
+    path.write_text("n_lines = 96\n", encoding=encoding)
+    assert toml_files.read_probe(path) == LinearArray(n_lines=96)
+
+
+def test_a_file_that_is_no_text_is_refused(tmp_path):
+    path = tmp_path / "probe.toml"
+    path.write_bytes(b"n_lines = \xe9\n")
+    with pytest.raises(records.ConfigurationError, match=r"cannot be used: it must be text in UTF-8\.$"):
+        toml_files.read_probe(path)
+
+
 def test_a_missing_file_is_refused(capsys, tmp_path):
     assert cli.main([*RUN, "--probe", str(tmp_path / "none.toml")]) == 2
     assert "cannot be read (No such file or directory)" in capsys.readouterr().err

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from stored import POSES, SCENE, coded_scan
 
+from usbench.checks import ConfigurationError
 from usbench.envs import frames
 from usbench.envs.bmode import Imaging
 from usbench.envs.cache import sources
@@ -242,6 +243,9 @@ def test_the_folder_can_be_set(monkeypatch, tmp_path):
     store = FrameStore(*SCENE)
     store.prepare(POSES)
     assert store.path.parent == tmp_path / "elsewhere" == cache_folder() and store.path.is_file()
+    monkeypatch.setenv("USBENCH_CACHE", "~nobody at all/frames")
+    with pytest.raises(ConfigurationError, match="USBENCH_CACHE must name a folder, not '~nobody at all"):
+        cache_folder()
     monkeypatch.setenv("USBENCH_CACHE", "~/frames")
     assert cache_folder() == Path.home() / "frames"
     monkeypatch.delenv("USBENCH_CACHE")

@@ -224,3 +224,8 @@ def test_equally_good_actions_are_equal_to_the_last_bit():
     other = found.costs[:, mirrored][:, :, [0, 2, 1, 4, 3]]
     assert np.array_equal(other == 0, found.costs == 0)
     assert found.costs == pytest.approx(other, abs=1e-12)
+
+
+def test_a_pose_with_a_coordinate_missing_is_refused():
+    with pytest.raises(ValueError, match=r"a Pose or \(x_mm, focal_depth_mm, angle_deg\), not \(0, 0\)"):
+        policy("pp").action(0, (0, 0))

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -51,6 +52,23 @@ def test_settings_of_a_recorded_image_are_refused(settings):
         pose(Source(recorded), 0, 50, 0, **settings)
 
 
+@pytest.mark.parametrize(
+    ("parts", "said"),
+    [
+        ({"probe": LinearArray(n_lines=96)}, "keeps the probe of its recording"),
+        ({"imaging": Imaging(dynamic_range_db=20)}, "leave dynamic_range_db at 60.0, not 20"),
+        ({"imaging": Imaging(noise_db=40)}, "leave noise_db at None, not 40"),
+        ({"imaging": Imaging(median_size=1)}, "leave median_size at 5, not 1"),
+    ],
+)
+def test_what_no_slice_follows_from_is_refused(parts, said):
+    recorded = Recording(path="a.nii", digest="0")
+    with pytest.raises(ConfigurationError, match=said):
+        pose(Source(recorded, **parts), 0, 50, 0)
+    with pytest.raises(ValueError, match=said):
+        gym.make("usbench/ProbePlane-v0", phantom=recorded, **parts)
+
+
 def test_a_frequency_that_the_probe_does_not_sample_is_refused():
     source = Source(probe=LinearArray(sampling_frequency=30e6))
     with pytest.raises(ConfigurationError, match="sampling_frequency must be at least 7 times"):
@@ -70,6 +88,7 @@ def test_a_frequency_that_the_probe_does_not_sample_is_refused():
         ((0, 50, 0, float("nan")), r"frequency_mhz must be a number in \[1, 10\], not nan"),
         ((0, 50, 0, "high"), r"frequency_mhz must be a number in \[1, 10\], not 'high'"),
         ((0, 50, 0, True), r"frequency_mhz must be a number in \[1, 10\], not True"),
+        ((0, 50, 0, 3.5001), "frequency_mhz must be in whole kHz, as 3.5 is, not 3.5001"),
         ((0, 50, 0, None, 0), r"dynamic_range_db must be a whole number in \[1, 200\], not 0"),
         ((0, 50, 0, None, 40.5), r"dynamic_range_db must be a whole number in \[1, 200\], not 40.5"),
     ],

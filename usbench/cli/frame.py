@@ -26,6 +26,7 @@ OPTIONS = {
     "dynamic_range_db": "--dynamic-range",
     "pixel_mm": "--pixel",
     "median_size": "--median",
+    "phantom": "--number",
 }
 EXAMPLES = """examples:
   usbench frame --x 10 --depth 35 --angle 60
@@ -168,4 +169,6 @@ def _source(args: argparse.Namespace) -> Source:
         path, *settings = args.phantom
         return snapshot_option.Source(anatomy, "-".join([Path(path).name.split(".")[0], *settings]), **parts)
     label = snapshot_option.label(args.task, args.number)
-    return snapshot_option.Source(snapshot_option.phantom_of(args.task, args.number), label, **parts)
+    with _named_by_options():
+        phantom = snapshot_option.phantom_of(args.task, args.number)
+    return snapshot_option.Source(phantom, label, **parts)

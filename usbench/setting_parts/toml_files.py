@@ -3,6 +3,7 @@
 import inspect
 import re
 import tomllib
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from dataclasses import fields
 from importlib.resources import files
 from pathlib import Path
@@ -88,7 +89,7 @@ def _preset_texts() -> dict[str, str]:
 def _read(cls: type[Part], kind: str, path: Path, text: str | None = None) -> Part:
     """Return the part that the file at `path` describes, or `text` where it is given."""
     try:
-        values: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8") if text is None else text)
+        values: dict[str, Any] = tomllib.loads(_text(path) if text is None else text)
         names = [field.name for field in fields(cls)]
         for name in values:
             if name not in names:
@@ -100,6 +101,15 @@ def _read(cls: type[Part], kind: str, path: Path, text: str | None = None) -> Pa
         ) from error
     except (TypeError, ValueError) as error:
         raise ConfigurationError(f"the {kind} file {str(path)!r} cannot be used: {error}") from error
+
+
+def _text(path: Path) -> str:
+    """Return the text of a file in UTF-8, or in UTF-16, as Windows may write it; ValueError if in neither."""
+    data = path.read_bytes()
+    try:
+        return data.decode("utf-16" if data.startswith((BOM_UTF16_LE, BOM_UTF16_BE)) else "utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ValueError("it must be text in UTF-8.") from error
 
 
 def _known(kind: str, path: Path) -> str:

@@ -22,7 +22,8 @@ def symmetries(setting: Setting) -> Symmetries:
     Where the tissue is the same in all episodes, its speckle tells poses apart that would be alike
     otherwise: there is none then but that which changes nothing.
     """
-    return of_senses(setting.plain_env().senses, of_drawn_tissue=bool(setting.row.phantoms))
+    plain = setting.plain_env()
+    return of_senses(plain.senses, plain.phantoms if setting.row.phantoms else None)
 
 
 def teacher(setting: Setting) -> Teacher:

@@ -10,6 +10,7 @@ from gymnasium.envs.registration import load_env_creator
 from usbench.checks import as_configuration_error, number, whole_number
 from usbench.envs.anatomy.points import PointScatterers
 from usbench.envs.bmode import DEFAULT_IMAGING, MOST_DB, MOST_SIZE, Imaging
+from usbench.envs.frames import check_recorded
 from usbench.envs.phantom import Phantom
 from usbench.envs.pose import Pose
 from usbench.envs.probe import DEFAULT_ARRAY, LinearArray
@@ -90,6 +91,7 @@ def placed(
             frequency, or settings of a recorded image are asked for.
     """
     with as_configuration_error():
+        check_recorded(source.tissue, source.probe, source.imaging, source.usual)
         pose = _on(source.tissue, Pose(x_mm, focal_depth_mm, angle_deg))
         if frequency_mhz is None and dynamic_range_db is None:
             return source, pose
@@ -99,7 +101,7 @@ def placed(
         if frequency_mhz is None:
             return replace(source, imaging=replace(source.imaging, dynamic_range_db=range_db)), pose
         low, high = FREQUENCY_MHZ
-        khz = round(number("frequency_mhz", frequency_mhz, low=low, high=high) * 1e3)
+        khz = _whole_khz(number("frequency_mhz", frequency_mhz, low=low, high=high))
         place = (pose.x_mm, pose.focal_depth_mm, pose.angle_deg)
         setup = Setup(*place, frequency_khz=khz, dynamic_range_db=range_db)
         tuned(setup, source.probe, source.imaging)  # refuses a frequency that this probe does not sample
@@ -147,6 +149,13 @@ def imaging_of(source: Source, pixel_mm: Any = None, median_size: Any = None) ->
             height_px, width_px = (min(max(round(side / size), 1), most) for side in (depth, width))
             imaging = replace(imaging, pixel_size=size, height_px=height_px, width_px=width_px)
     return imaging
+
+
+def _whole_khz(frequency_mhz: float) -> int:
+    khz = round(frequency_mhz * 1e3)
+    if abs(frequency_mhz * 1e3 - khz) > 1e-6:
+        raise ValueError(f"frequency_mhz must be in whole kHz, as 3.5 is, not {frequency_mhz!r}.")
+    return khz
 
 
 def _range_db(imaging: Imaging, dynamic_range_db: Any) -> int:

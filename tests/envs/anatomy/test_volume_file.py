@@ -172,6 +172,19 @@ def test_nrrd_without_a_spacing_is_refused(tmp_path):
     np.testing.assert_array_equal(volume_file.read(path).spacing_mm, [1, 2, 3])
 
 
+@pytest.mark.parametrize("unit", ["cm", "m", "um"])
+def test_nrrd_in_another_unit_is_refused_since_itk_reads_it_as_mm(tmp_path, unit):
+    path = tmp_path / "volume.nrrd"
+    sitk.WriteImage(sitk.GetImageFromArray(VOXELS), str(path))
+    written = path.read_bytes()
+    for given in ("mm", unit):
+        line = f'space units: "{given}" "{given}" "{given}"\n'.encode()
+        path.write_bytes(written.replace(b"space directions", line + b"space directions"))
+        if given == "mm":
+            np.testing.assert_array_equal(volume_file.read(path).spacing_mm, [1, 1, 1])
+    assert f"must be mm, not '{unit}'" in refusal(path)
+
+
 @pytest.mark.parametrize(
     ("voxels", "said"),
     [
@@ -182,6 +195,8 @@ def test_nrrd_without_a_spacing_is_refused(tmp_path):
         (np.where(VOXELS == 7, np.inf, VOXELS), "some are NaN or infinite"),
         (VOXELS.astype(np.int16) - 10, "0 or more, .* not -10"),
         (np.zeros_like(VOXELS), "is empty: all its voxels are 0"),
+        (VOXELS * 1e300, r"from 1e-20 to 1e\+30, not 5.9e\+301"),
+        (VOXELS * 1e-44, r"from 1e-20 to 1e\+30, not 5.9e-43"),
     ],
 )
 def test_voxels_that_are_no_echoes_are_refused(tmp_path, voxels, said):

@@ -13,18 +13,20 @@ from usbench.envs.observation.symmetries import _ALL, symmetries
 from usbench.envs.observation.wrappers import ImageStack
 from usbench.envs.phantom import ObjectOfInterest, Phantom
 from usbench.envs.pose import Pose
+from usbench.envs.tasks.phantom_distribution import PhantomDistribution
 from usbench.setting import Setting
 from usbench.setting_parts import anatomy_record
 from usbench.suite import TASKS
 from usbench.trials import knowledge
 
 SENSES = ("position", "heading", "actions")
+EVEN = PhantomDistribution(x_mm=(-5, 0, 5), depth_mm=(50,), angle_deg=(0, 45, 90, 135))
 GENERATOR = np.random.default_rng(0)
 
 
 def found(task):
     guidance = TASKS[task].guidance
-    return symmetries(checked(available(guidance), guidance))
+    return symmetries(checked(available(guidance), guidance), EVEN)
 
 
 def random_observation(one, n_frames=2):
@@ -59,8 +61,8 @@ def test_a_probe_that_never_turns_has_one_symmetry_and_one_that_turns_has_seven(
 def test_coordinates_are_what_is_told_of_the_pose_and_actions_are_not():
     # x, focus, sine and cosine; then one place for each of the seven actions.
     assert found("exam-tracked").coordinates.tolist() == [True] * 4 + [False] * 7
-    assert not symmetries(checked(("actions",), TASKS["pp-random"].guidance)).coordinates.any()
-    assert symmetries(checked(("position",), TASKS["pp-random"].guidance)).coordinates.all()
+    assert not symmetries(checked(("actions",), TASKS["pp-random"].guidance), EVEN).coordinates.any()
+    assert symmetries(checked(("position",), TASKS["pp-random"].guidance), EVEN).coordinates.all()
 
 
 def test_the_action_that_ends_an_episode_stays():
@@ -69,7 +71,7 @@ def test_the_action_that_ends_an_episode_stays():
 
 def test_symmetries_for_which_an_action_or_a_slip_is_missing_are_left_out():
     task = TASKS["fp-random"].guidance
-    assert len(symmetries(checked((), task))) == 2
+    assert len(symmetries(checked((), task), EVEN)) == 2
     (right,) = (action for action in task.actions if action.move.x_mm > 0)
     for changes in (
         {"actions": tuple(action for action in task.actions if action != right)},
@@ -77,7 +79,25 @@ def test_symmetries_for_which_an_action_or_a_slip_is_missing_are_left_out():
         # Both ways, but one of them more often.
         {"displacements": (*task.displacements, right.move)},
     ):
-        assert len(symmetries(checked((), replace(task, **changes)))) == 1
+        assert len(symmetries(checked((), replace(task, **changes)), EVEN)) == 1
+
+
+@pytest.mark.parametrize(
+    ("uneven", "left"),
+    [
+        # The probe turned about; elevation reflected, which negates angles, and both.
+        ({"x_mm": (0, 5)}, 4),
+        ({"x_mm": (-5, 0, 0, 5, 5)}, 4),
+        ({"angle_deg": (15, 30)}, 4),
+        ({"angle_deg": (0, 30, 150, 330)}, 4),
+        ({"x_mm": (0, 5), "angle_deg": (15, 30)}, 2),
+        # Turned about, an object is the same.
+        ({"angle_deg": (30, 330)}, 8),
+    ],
+)
+def test_symmetries_that_move_objects_where_none_are_drawn_are_left_out(uneven, left):
+    task = TASKS["pp-tracked"].guidance
+    assert len(symmetries(checked(("position", "heading"), task), replace(EVEN, **uneven))) == left
 
 
 def test_custom_anatomy_has_no_symmetry(tmp_path):

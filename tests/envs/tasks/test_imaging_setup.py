@@ -288,6 +288,11 @@ def test_a_probe_that_the_task_cannot_set_to_all_its_frequencies_is_refused(prob
     assert str(refused.value) == said
 
 
+def test_an_image_that_ends_above_the_object_is_refused():
+    with pytest.raises(ValueError, match="and an image 20 mm deep and 40 mm wide does not"):
+        gym.make("usbench/ImagingSetup-v1", imaging=Imaging(height_px=20))
+
+
 def test_both_versions_are_the_same_task_with_another_receiver():
     latest = gym.make(ENV_ID).unwrapped
     with pytest.warns(DeprecationWarning, match="out of date"):  # which Gymnasium says of itself

@@ -85,8 +85,12 @@ def test_gymnasium_finds_nothing_wrong(recwarn):
         ({"phantom": 2**32}, ValueError, "not 4294967296"),
         ({"phantom": 0.5}, ValueError, r"phantom must be a whole number in \[0, 4294967295\], not 0.5"),
         ({"phantom": "7"}, TypeError, r"phantom must be a whole number in \[0, 4294967295\], not '7'"),
-        ({"phantm": 7}, ValueError, "unknown option 'phantm'"),
-        ([7], TypeError, "options must be a dict"),
+        (
+            {"phantm": 7},
+            ValueError,
+            "unknown option 'phantm' .did you mean 'phantom'.*deg', 'phantom'",
+        ),
+        ([7], TypeError, "options must be a dict with any of .*, angle_deg, phantom, not"),
     ],
 )
 def test_bad_options_are_refused(options, error, message, coded):

@@ -279,6 +279,7 @@ def test_refuses_actions_before_anything_moves(actions, message, coded):
         ({"seed": [1, 0.5]}, ValueError, "seed must be a whole number from 0, not 0.5"),
         ({"options": {"y_mm": 0}}, ValueError, "unknown option 'y_mm'"),
         ({"options": [1]}, TypeError, "options must be a dict"),
+        ({"options": 1}, TypeError, "options must be a dict"),
         ({"options": {"reset_mask": [True, False]}}, ValueError, "must be a bool array of shape .2,."),
         ({"options": {"reset_mask": np.array([1, 0])}}, ValueError, "must be a bool array of shape .2,."),
         ({"options": {"reset_mask": np.array([True])}}, ValueError, "must be a bool array of shape .2,."),
