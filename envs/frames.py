@@ -179,14 +179,12 @@ def _frames(scenes: Sequence[tuple[Tissue, Pose]], array: LinearArray, imaging: 
     return [next(simulated) if frame is None else frame for frame in recorded]
 
 
-def check_recorded(tissue: Tissue, array: LinearArray, imaging: Imaging, usual: Imaging) -> None:
+def check_recorded(array: LinearArray, imaging: Imaging, usual: Imaging) -> None:
     """Raise ValueError where a recorded image is to have what its slices do not follow from.
 
     They follow neither from the probe nor from anything of `imaging` but the size and number of its pixels:
     the rest has to be as `usual`.
     """
-    if tissue.has_focus:
-        return
     if array != DEFAULT_ARRAY:
         raise ValueError("a recorded image keeps the probe of its recording: leave the probe out.")
     for name, value in asdict(imaging).items():

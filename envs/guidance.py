@@ -94,7 +94,8 @@ class GuidanceEnv(gym.Env[Observation, int]):
         self.phantom = self._fitting(self.default_phantom if phantom is None else phantom)
         self.probe = _instance("probe", probe, LinearArray())
         self.imaging = _instance("imaging", imaging, self.default_imaging)
-        check_recorded(self.phantom, self.probe, self.imaging, self.default_imaging)
+        if not self.phantom.has_focus:
+            check_recorded(self.probe, self.imaging, self.default_imaging)
         if self.reward == IMAGE:
             check_depth(self.imaging)
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:

@@ -104,7 +104,7 @@ def read_points(path: str | Path, tell: Callable[[str], Any] | None = None) -> P
     path = Path(path)
     try:
         n = point_file.count(path)
-        needed, there = n * BYTES_PER_SCATTERER, _memory()
+        needed, there = n * BYTES_PER_SCATTERER, memory_bytes()
         amount = f"some {n:.2g} scatterers need some {needed / 1e9:.2g} GB of memory"
         if needed > there:
             raise ValueError(f"{amount}, and this machine has {there / 1e9:.2g} GB.")
@@ -120,7 +120,7 @@ def read_points(path: str | Path, tell: Callable[[str], Any] | None = None) -> P
         raise ConfigurationError(f"the scatterer file {str(path)!r} cannot be used: {error}") from error
 
 
-def _memory() -> float:
+def memory_bytes() -> float:
     """Return the memory of this machine in bytes, infinite where the system does not say it."""
     try:
         return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))

@@ -49,6 +49,15 @@ def test_broken_tables_hold_nothing(board):
     assert runs.place(BOARD, Path("runs"), []) == BOARD
 
 
+@pytest.mark.parametrize("own", ["leaderboard.md", "scores.csv"])
+def test_a_users_own_file_of_this_name_is_left_alone(board, own):
+    Path(own).write_text("mine\n")
+    told = []
+    assert runs.place(BOARD, Path("runs"), [board], told.append) == Path("runs/leaderboard.md")
+    assert told == [f"{own} is not of usbench: this leaderboard goes to runs/leaderboard.md"]
+    assert runs.place(BOARD, Path("runs"), [board], named=BOARD) == BOARD
+
+
 def test_studies_that_are_nowhere_else_keep_a_leaderboard_that_would_lose_them(board):
     row = {name: 1.0 for name in studies.COLUMNS} | {
         "study": "anna",

@@ -87,6 +87,10 @@ def elsewhere(rows):
     rows[-1]["final_x_mm"] += 5
 
 
+def beyond_any_float(rows):
+    rows[-1]["final_x_mm"] = 10**400
+
+
 def at_the_goal(rows):
     rows[-1]["is_success"] = not rows[-1]["is_success"]
 
@@ -146,6 +150,7 @@ def from_the_end(rows):
         (left_out, "with greedy actions are not"),
         (no_sampled, "with sampled actions are not"),
         (elsewhere, "has the final x mm "),
+        (beyond_any_float, "cannot be played again"),
         (at_the_goal, "come out otherwise"),
         (nearer, "has the final distance mm "),
         (flatter, "has the final sin angle "),

@@ -212,3 +212,14 @@ def test_workers_do_not_outlive_a_sweep_that_was_killed(tmp_path):
         time.sleep(0.1)
     os.kill(worker, signal.SIGKILL)
     pytest.fail("the worker lived on")
+
+
+def test_a_process_that_is_started_ignores_ctrl_c_from_its_first_moment():
+    """Else one that still imports would show its traceback when a whole group of processes is interrupted."""
+    said = [sys.executable, "-c", "import signal; print(signal.getsignal(signal.SIGINT) is signal.SIG_IGN)"]
+    before = signal.getsignal(signal.SIGINT)
+    with sweep._interrupts_left_to_this_process():
+        started = subprocess.run(said, capture_output=True, text=True, check=True)
+    assert started.stdout == "True\n" and signal.getsignal(signal.SIGINT) is before
+    with ThreadPoolExecutor(1) as other:  # where signals cannot be set
+        other.submit(lambda: sweep._interrupts_left_to_this_process().__enter__()).result()

@@ -116,6 +116,32 @@ def test_the_command_on_the_card_is_exact(place, finished, tmp_path):
     assert command in (folder / minari_files.CARD).read_text()
 
 
+def test_a_trial_is_called_by_its_name_wherever_it_lies(place, finished, tmp_path):
+    trial = finished.rename(tmp_path / "a|b")
+    _, folder = minari_files.write("pp", str(trial), 1)
+    card = (folder / minari_files.CARD).read_text()
+    assert "played by a|b: " in card and r"| 0 | a\|b | 1 |" in card
+
+
+def test_names_tell_seeds_and_noises_apart():
+    names = [
+        minari_files.dataset_name(Setting(task="pp", noise=noise), "best", seed)
+        for noise in (0.0, 0.25, 0.1234567891, 0.1234567892)
+        for seed in (0, 1)
+    ]
+    assert len(set(names)) == 8
+    assert names[:3] == ["usbench/pp/best-v0", "usbench/pp/best-seed1-v0", "usbench/pp/best-noise25-v0"]
+
+
+def test_episodes_that_no_memory_holds_are_refused(place, capsys, monkeypatch):
+    monkeypatch.setattr(minari_files, "memory_bytes", lambda: 1e6)
+    assert cli.main(["dataset", "--task", "pp", "--agent", "random", "--episodes", "10"]) == 2
+    assert (
+        "10 episodes need some 0.0012 GB of memory, and this machine has 0.001 GB" in capsys.readouterr().err
+    )
+    assert not place.exists()
+
+
 def test_phantoms_of_evaluations_are_in_no_data_set(place):
     name, _ = minari_files.write("pp-random", "random", 20, seed=3)
     dataset = minari.load_dataset(name)
@@ -240,13 +266,13 @@ def test_a_data_set_that_another_process_has_written_meanwhile_stays(place, monk
 
     def late(*args):
         monkeypatch.setattr(card, "text", text)
-        minari_files.write("pp", "random", 2)
+        minari_files.write("pp", "random", 2, seed=1)
         return text(*args)
 
     monkeypatch.setattr(card, "text", late)
-    with pytest.raises(ConfigurationError, match="there is a data set 'usbench/pp/random-v0' in"):
+    with pytest.raises(ConfigurationError, match="there is a data set 'usbench/pp/random-seed1-v0' in"):
         minari_files.write("pp", "random", 3, seed=1)
-    assert minari.load_dataset("usbench/pp/random-v0").total_episodes == 2
+    assert minari.load_dataset("usbench/pp/random-seed1-v0").total_episodes == 2
 
 
 @pytest.mark.filterwarnings("error:.*is out of date")

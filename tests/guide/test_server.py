@@ -26,6 +26,8 @@ from usbench.guide import server as guide_server
 from usbench.guide.session import Session
 from usbench.records import ConfigurationError
 from usbench.setting import Setting
+from usbench.trials import runner
+from usbench.trials.configuration import resolve
 
 TOKEN = "0123456789abcdef"
 # The command on drawn frames, as a user starts it.
@@ -376,6 +378,9 @@ def test_port_that_is_none_is_refused(port):
         ),
         (["--noise", "2"], "noise must be a probability in [0, 1], not 2."),
         (["--seed", "x"], "seed"),
+        (["--runs", "nowhere"], "there is no folder 'nowhere' with trials."),
+        (["--runs", "negative.toml"], "'negative.toml' is a file, not a folder with trials."),
+        (["--runs", "negative.toml", "--study", "anna"], "'negative.toml' is a file, not a folder"),
         (["--probe", "negative.toml"], "'negative.toml' cannot be used: line_spacing must be a positive"),
         (["--imaging", "negative.toml"], "'negative.toml' cannot be used: unknown field"),
     ],
@@ -404,6 +409,13 @@ def test_command_refuses_in_one_sentence(arguments, sentence, capsys, tmp_path, 
 def test_what_is_wrong_is_refused_before_an_address_is_told(arguments, capsys):
     assert cli.main(["guide", "--no-browser", *arguments]) == 2
     assert "http" not in "".join(capsys.readouterr())
+
+
+def test_an_agent_that_does_not_learn_is_refused_before_an_address_is_told(quick, tmp_path, capsys):
+    folder = runner.run_trial(resolve("random", "pp"), tmp_path).folder
+    assert cli.main(["guide", "--no-browser", str(folder)]) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and err == f"usbench: error: {str(folder)!r} is not the trial of an agent that learns.\n"
 
 
 def test_without_the_extra_the_command_says_what_to_install(monkeypatch, capsys):

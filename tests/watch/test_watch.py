@@ -258,6 +258,18 @@ def test_a_table_breaks_words_at_hyphens_alone(quick, task, actions, noise):
     assert max(map(len, shown.splitlines())) <= 80
 
 
+@pytest.mark.parametrize("width", [10, 30, 50])
+def test_a_table_without_slips_loses_nothing_where_there_is_no_room(quick, width):
+    names = replay.action_names(Setting(task="pp"))
+    played = [
+        dataclasses.replace(moment, advice=Advice((0.01,) * (len(names) - 1) + (0.96,)))
+        for moment in replay.play(Setting(task="pp", noise=0.0), 2, [4, 3, 1, 2] * 4)
+    ]
+    shown, *_ = terminal.table(played, names, width).split("advice for the next:")
+    assert "…" not in shown and shown.count("96") == len(played)
+    assert all(len(re.findall(rf"^ *{moment.step} ", shown, re.MULTILINE)) == 1 for moment in played)
+
+
 def test_a_title_fits_the_console(finished, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "60")
     assert cli.main(["watch", str(finished)]) == 0

@@ -15,7 +15,7 @@ from usbench.checks import (
     check_seed,
     probability,
 )
-from usbench.cli.arguments import add_probe_and_imaging, add_runs, number, probe_and_imaging
+from usbench.cli.arguments import add_probe_and_imaging, add_runs, number, probe_and_imaging, runs_or
 
 if TYPE_CHECKING:
     from usbench.guide.session import Session
@@ -81,7 +81,7 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
     )
     guide.add_argument("--no-browser", action="store_true", help="print the address, open nothing")
     kept = "the guide has ended; a study or a training that was begun goes on when it is started again."
-    guide.set_defaults(call=_call, ends_at_once=True, interrupted=kept)
+    guide.set_defaults(call=_call, ends_at_once=True, interrupted=kept, runs=None)
 
 
 def _call(args: argparse.Namespace) -> None:
@@ -115,6 +115,7 @@ def _call(args: argparse.Namespace) -> None:
 def _check(args: argparse.Namespace) -> None:
     """Refuse what can be known to be wrong without PyTorch, before an address is told."""
     from usbench.guide import guided
+    from usbench.records import existing
 
     with as_configuration_error():
         if args.noise is not None:
@@ -125,6 +126,9 @@ def _check(args: argparse.Namespace) -> None:
             check_plain_name("the name of a study", args.study)
     if args.study is not None and args.seed is not None:
         raise ConfigurationError("--seed has no part in a study, whose episodes are the same for all.")
+    if args.runs is not None and (args.study is None or args.runs.exists()):
+        existing(args.runs)  # a study makes its folder
+    args.runs = runs_or(None, args.runs)
     if args.task is not None:
         guided.check_task(args.task)
     trial = None if args.trial is None else _trial(args.trial, args.task)
@@ -144,6 +148,8 @@ def _trial(named: Path, task: str | None) -> Trial:
         trial = Trial.read(folder)
     guided.check_shown(str(named), trial.config.task)
     guided.check_code(str(named), trial.config.algo)
+    if not trial.config.steps:
+        raise ConfigurationError(f"{str(named)!r} is not the trial of an agent that learns.")
     if task is not None:
         guided.check_task_of_agent(str(named), trial.config.task, task)
     return trial

@@ -50,9 +50,13 @@ def place(
 
     Where the tables beside `usual` would lose trials that are not among `names` and have no folder in `out`,
     as in a clone those of the benchmark's own leaderboard, or, `with_studies`, studies that have none there,
-    it goes to `out / usual`. A file that is named is taken in any case. `tell` is told of both.
+    it goes to `out / usual`; so it does where a file of this name is a user's own.
+    A file that is named is taken in any case. `tell` is told of all.
     """
     path = named or usual
+    if foreign := None if named else _foreign(usual):
+        tell(f"{foreign} is not of usbench: this leaderboard goes to {out / usual}")
+        return out / usual
     if not _would_lose(path, out, names, with_studies):
         return path
     held = f"{path} holds trials or studies that are not in {out}"
@@ -61,6 +65,14 @@ def place(
         return named
     tell(f"{held}: this leaderboard goes to {out / usual}")
     return out / usual
+
+
+def _foreign(board: Path) -> Path | None:
+    """Return a file in the place of a leaderboard, or of its scores, that begins otherwise than these do."""
+    for path, beginning in ((board, leaderboard.TITLE), (leaderboard.scores_file(board), "table,")):
+        if path.is_file() and not path.read_bytes().startswith(beginning.encode()):
+            return path
+    return None
 
 
 def _would_lose(board: Path, out: Path, names: Iterable[str], with_studies: bool) -> bool:

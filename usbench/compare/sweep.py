@@ -160,12 +160,13 @@ def _outcomes(
         while queue and free:
             (config, is_others), slot = _next(queue, out), free.popleft()
             submitted = partial(working, waits=is_others)
-            try:
-                future = slots[slot].submit(submitted, config, out)
-            except BrokenExecutor:  # it died between two trials
-                slots[slot].shutdown()
-                slots[slot] = executor()
-                future = slots[slot].submit(submitted, config, out)
+            with _interrupts_left_to_this_process():
+                try:
+                    future = slots[slot].submit(submitted, config, out)
+                except BrokenExecutor:  # it died between two trials
+                    slots[slot].shutdown()
+                    slots[slot] = executor()
+                    future = slots[slot].submit(submitted, config, out)
             running[future] = config, slot
             future.add_done_callback(ended.put)
         future = ended.get()
@@ -186,6 +187,19 @@ def _outcomes(
             queue.append(config)
             continue
         yield Outcome(config, reason)
+
+
+@contextlib.contextmanager
+def _interrupts_left_to_this_process() -> Iterator[None]:
+    """Let a process that is started meanwhile ignore Ctrl-C from its first moment, long before `_begin`."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _next(queue: deque[TrialConfig], out: Path) -> tuple[TrialConfig, bool]:

@@ -88,7 +88,7 @@ def _table(anchors: Anchors, played: Sequence[Played], who: Mapping[str, str]) -
         rows.append(
             (
                 str(number),
-                described,
+                described.replace("|", r"\|"),
                 str(len(own)),
                 f"{mean:.2f}",
                 f"{anchors.score(mean):.3f}",

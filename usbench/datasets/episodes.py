@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -86,6 +87,11 @@ def make_env(setting: Setting) -> gym.Env[Any, Any]:
 def names(agent: str) -> tuple[str, ...]:
     """Return who acts in the episodes of a data set, one after the other."""
     return PARTS if agent == MIXED else (agent,)
+
+
+def shown(name: str) -> str:
+    """Return what a data set calls an agent: of a trial the name of its folder, not where that lies."""
+    return Path(name).resolve().name if Path(name).is_dir() else name
 
 
 def open_agent(name: str, setting: Setting, seed: int) -> tuple[Any, Setting]:

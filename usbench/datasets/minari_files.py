@@ -20,6 +20,7 @@ from usbench.atomic import atomic_path, move_whole, scratch_folder
 from usbench.checks import ConfigurationError, as_configuration_error, check_seed, install, whole_number
 from usbench.datasets import card, episodes
 from usbench.datasets.episodes import Played
+from usbench.envs.anatomy.points import memory_bytes
 from usbench.setting import Setting
 from usbench.waiting import duration
 
@@ -71,9 +72,10 @@ def write(
         n_episodes, seed = whole_number("episodes", n_episodes, 1, MAX_EPISODES), check_seed(seed)
     if out is not None:
         records.check_writable(out)
-    opened = {who: episodes.open_agent(who, setting, seed) for who in episodes.names(agent)}
+    _check_memory(setting, n_episodes)
+    opened = {episodes.shown(who): episodes.open_agent(who, setting, seed) for who in episodes.names(agent)}
     check_installed()
-    name = dataset_name(setting, agent)
+    name = dataset_name(setting, agent, seed)
     # Last of what may be refused: it tries to make folders.
     with _place(out):
         folder = _new_folder(name)
@@ -116,11 +118,23 @@ def _there_already(name: str, folder: Path) -> ConfigurationError:
     )
 
 
-def dataset_name(setting: Setting, agent: str) -> str:
-    """Return the name of a data set, "usbench/pp/best-v0"; noise stands in per cent behind the agent."""
+def dataset_name(setting: Setting, agent: str, seed: int = 0) -> str:
+    """Return the name of a data set, "usbench/pp/best-v0"; noise (in per cent) and seed follow the agent."""
     own = "".join(letter if letter.isalnum() else "-" for letter in Path(agent).resolve().name)
-    noise = f"-noise{100 * setting.noise:g}".replace(".", "_") if setting.noise else ""
-    return f"usbench/{setting.task}/{own}{noise}-v0"
+    noise = f"-noise{100 * setting.noise:.12g}".replace(".", "_") if setting.noise else ""
+    return f"usbench/{setting.task}/{own}{noise}{f'-seed{seed}' if seed else ''}-v0"
+
+
+def _check_memory(setting: Setting, n_episodes: int) -> None:
+    """Raise ConfigurationError where the episodes, which are written at once, do not fit into memory."""
+    # Each frame once as it was seen, and once in the array of its episode.
+    frame = setting.imaging.height_px * setting.imaging.width_px
+    needed, there = 2 * n_episodes * (setting.guidance.n_steps + 1) * frame, memory_bytes()
+    if needed > there:
+        raise ConfigurationError(
+            f"{n_episodes} episodes need some {needed / 1e9:.2g} GB of memory, and this machine has "
+            f"{there / 1e9:.2g} GB: write several data sets, with other seeds."
+        )
 
 
 @contextlib.contextmanager

@@ -31,6 +31,8 @@ from usbench.tasks import row_of
 
 SCORES = "scores.csv"
 USUAL, ENDING = "leaderboard", ".md"
+# With which a leaderboard begins.
+TITLE = "# Leaderboard"
 # Title, column of `scores.cells`, factor, digits.
 RETURN, SUCCESS = ("return", "return", 1, 2), ("success (%)", "success_rate", 100, 0)
 MEASURES = """\
@@ -159,7 +161,7 @@ def markdown(
     doubted = set(unverified) & set(known.trials["trial"])
     reading = text.folded("How to read the numbers", f"{READING}\n{MEASURES.format(scores=scores_table)}")
     first, *others = scores.parts(known)
-    parts = ["# Leaderboard", *verdict.sentences(known, tested), *figures.get(first, ()), reading]
+    parts = [TITLE, *verdict.sentences(known, tested), *figures.get(first, ()), reading]
     pictures = {name: figures.get(name, ()) for name in others}
     for name, own in scores.parts(known).items():
         pairs = ranking.improvement(scores.learners(own))

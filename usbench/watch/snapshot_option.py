@@ -91,7 +91,8 @@ def placed(
             frequency, or settings of a recorded image are asked for.
     """
     with as_configuration_error():
-        check_recorded(source.tissue, source.probe, source.imaging, source.usual)
+        if not source.tissue.has_focus:
+            check_recorded(source.probe, source.imaging, source.usual)
         pose = _on(source.tissue, Pose(x_mm, focal_depth_mm, angle_deg))
         if frequency_mhz is None and dynamic_range_db is None:
             return source, pose

@@ -24,6 +24,8 @@ from usbench.watch.selection import Selection
 
 TEXT_LINES = 8
 SHADES = " ░▒▓█"
+# Of a table: in fewer columns, numbers would be lost.
+LEAST_WIDTH = 60
 # Columns of the table that hold words, which may be folded.
 WORDS = ("action", "settings", "slip", "advice for the next")
 LONGEST_PART = len("clockwise")
@@ -47,12 +49,13 @@ def show(selection: Selection, console: Console | None = None) -> None:
 
 
 def table(moments: Iterable[Moment], names: Sequence[str], width: int = 80) -> str:
-    """Return an episode as text of `width` columns: a row for the start and for every step.
+    """Return an episode as text of `width` columns, `LEAST_WIDTH` at least: a row for start and every step.
 
     Words are folded, numbers are not. A coordinate that stays as it is, and slips where there are none, have
     no column. A line below says what the numbers of the advice are.
     """
     played = list(moments)
+    width = max(width, LEAST_WIDTH)
     columns = _folded(_columns(played, names), width)
     table = Table(box=None, padding=(0, 0, 0, 1), pad_edge=False)
     for heading, texts in columns.items():
