@@ -192,10 +192,12 @@ def _outcomes(
 @contextlib.contextmanager
 def _interrupts_left_to_this_process() -> Iterator[None]:
     """Let a process that is started meanwhile ignore Ctrl-C from its first moment, long before `_begin`."""
-    if threading.current_thread() is not threading.main_thread():
+    before = signal.getsignal(signal.SIGINT)
+    # Other threads may not set it, and a handler that is not Python's could not be put back.
+    if before is None or threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         yield
     finally:
