@@ -221,7 +221,7 @@ def table_file(path, n):
 
 @pytest.mark.parametrize("make, name", [(array_file, "points.npz"), (table_file, "points.csv")])
 def test_memory_is_stated_before_it_starts(make, name, tmp_path, monkeypatch):
-    monkeypatch.setattr("usbench.envs.anatomy.points._memory", lambda: 25e9)
+    monkeypatch.setattr("usbench.envs.anatomy.points.memory_bytes", lambda: 25e9)
     make(tmp_path / name, 10**8)
     with pytest.raises(ConfigurationError, match=r"1e\+08 scatterers need some 30 GB of memory, .* 25 GB\.$"):
         read_points(tmp_path / name)
