@@ -150,7 +150,7 @@ def from_the_end(rows):
         (left_out, "with greedy actions are not"),
         (no_sampled, "with sampled actions are not"),
         (elsewhere, "has the final x mm "),
-        (beyond_any_float, "cannot be played again"),
+        (beyond_any_float, "a line of it has a number beyond 64 bits"),
         (at_the_goal, "come out otherwise"),
         (nearer, "has the final distance mm "),
         (flatter, "has the final sin angle "),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -211,10 +211,13 @@ class Trial:
 
     def _table(self, name: str) -> pd.DataFrame:
         check(self.folder, self.checksums)
-        rows = pd.DataFrame(read_rows(self.folder / name))
+        damaged = f"{self.folder / name} is damaged"
+        try:
+            rows = _frame(read_rows(self.folder / name))
+        except OverflowError as error:
+            raise ValueError(f"{damaged}: a line of it has a number beyond 64 bits.") from error
         if not len(rows):
             return rows
-        damaged = f"{self.folder / name} is damaged"
         for key in NUMBERS[name]:
             if key not in rows or not _are_numbers(rows[key]):
                 raise ValueError(f"{damaged}: a line of it has no number {key!r}.")
@@ -229,6 +232,15 @@ class Trial:
 
 class TrialError(RuntimeError):
     """A trial that broke off; the message says where its records are and why."""
+
+
+def _frame(lines: list[dict[str, Any]]) -> pd.DataFrame:
+    """Return lines as a table; OverflowError where a whole number is beyond 64 bits, in any pandas."""
+    rows = pd.DataFrame(lines)
+    for name in [name for name in rows if rows[name].dtype.kind == "O"]:
+        if any(isinstance(value, int) and abs(value) >= 2**63 for value in rows[name]):
+            raise OverflowError(name)
+    return rows
 
 
 def _are_numbers(values: pd.Series) -> bool:
