@@ -87,7 +87,11 @@ def add(subparsers: Any, debug: argparse.ArgumentParser) -> None:
 def _call(args: argparse.Namespace) -> None:
     """Serve the page on which a person moves the probe, until Ctrl-C."""
     from usbench.guide import server
+    from usbench.records import existing
 
+    if args.runs is not None and (args.study is None or args.runs.exists()):
+        existing(args.runs)  # a study makes its folder
+    args.runs = runs_or(None, args.runs)
     _check(args)
     made: list[Session] = []
 
@@ -115,7 +119,6 @@ def _call(args: argparse.Namespace) -> None:
 def _check(args: argparse.Namespace) -> None:
     """Refuse what can be known to be wrong without PyTorch, before an address is told."""
     from usbench.guide import guided
-    from usbench.records import existing
 
     with as_configuration_error():
         if args.noise is not None:
@@ -126,9 +129,6 @@ def _check(args: argparse.Namespace) -> None:
             check_plain_name("the name of a study", args.study)
     if args.study is not None and args.seed is not None:
         raise ConfigurationError("--seed has no part in a study, whose episodes are the same for all.")
-    if args.runs is not None and (args.study is None or args.runs.exists()):
-        existing(args.runs)  # a study makes its folder
-    args.runs = runs_or(None, args.runs)
     if args.task is not None:
         guided.check_task(args.task)
     trial = None if args.trial is None else _trial(args.trial, args.task)

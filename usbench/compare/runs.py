@@ -50,8 +50,8 @@ def place(
 
     Where the tables beside `usual` would lose trials that are not among `names` and have no folder in `out`,
     as in a clone those of the benchmark's own leaderboard, or, `with_studies`, studies that have none there,
-    it goes to `out / usual`; so it does where a file of this name is a user's own.
-    A file that is named is taken in any case. `tell` is told of all.
+    it goes to `out / usual`; so it does where a file of this name is a user's own. A file that is named is
+    taken in any case. `tell` is told of each.
     """
     path = named or usual
     if foreign := None if named else _foreign(usual):

@@ -214,14 +214,14 @@ def _of_returns(setting: Setting, evaluations: pd.DataFrame) -> list[str]:
                     seen[key] = _played(env, planned[key[0]], key[1])
                 facts = seen[key]
                 other = [name for name, fact in facts.items() if not _same(fact, row[name], tolerance)]
-                numbers = [f"{_number(one[other[0]])}" for one in (row, facts)] if other else []
             except (AssertionError, IndexError, KeyError, OverflowError, TypeError, ValueError) as error:
                 wrong.append(f"episode {row.get('eval_episode')} cannot be played again ({error})")
                 continue
             if other:
                 wrong.append(
                     f"evaluation episode {row['eval_episode']} at step {row['checkpoint']} has the "
-                    f"{other[0].replace('_', ' ')} {numbers[0]}, its actions give {numbers[1]}"
+                    f"{other[0].replace('_', ' ')} {_number(row[other[0]])}, its actions give "
+                    f"{_number(facts[other[0]])}"
                 )
     if not wrong:
         return []
